@@ -1,0 +1,40 @@
+# The two commands of the README are `make demo` and `make test`; `make check` is lint and types.
+# PYTHON: any CPython 3.11 to 3.13 that has venv; the first one that fits is taken.
+PYTHON ?= $(shell for p in python3 python3.12 python3.13 python3.11; do \
+	$$p -c 'import sys, venv; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null && { echo $$p; break; }; done)
+VENV ?= .venv
+BIN := $(VENV)/bin
+PYTEST_ARGS ?=
+
+.PHONY: demo test check format lock clean
+
+demo: $(VENV)/.installed
+	$(BIN)/python -m friction_estimator.cli.demo --out demo_out
+
+test: $(VENV)/.installed
+	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+check: $(VENV)/.installed
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+format: $(VENV)/.installed
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+# Made aside and moved into place by the stamp only: an interrupted install is repeated, never half used.
+$(VENV)/.installed: requirements.lock setup.py setup.cfg package.xml
+	@test -n "$(PYTHON)" || { echo "friction_estimator needs CPython 3.11 to 3.13 with the venv module: install python3-venv or set PYTHON=/path/to/python"; exit 1; }
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	touch $@
+
+# Needs uv, which is no run-time dependency: pip install uv.
+lock:
+	uv pip compile --universal --python-version 3.11 --generate-hashes --no-annotate --no-emit-index-url \
+		--custom-compile-command "make lock" requirements.in -o requirements.lock
+
+clean:
+	rm -rf $(VENV) build install log demo_out

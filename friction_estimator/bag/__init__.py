@@ -1,0 +1,1 @@
+"""Recordings: read, write, and the message types that carry samples."""

@@ -1,0 +1,421 @@
+"""Every setting of the estimator, once: type, default, unit, bounds and meaning.
+
+The dataclasses below are the single source of the ROS parameters (ros/parameters.py declares them by
+reflection), of the YAML files that every verb reads, and of their documentation. A setting is addressed by
+its dotted name: `rls.forgetting_factor` is ``config.rls.forgetting_factor``.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from typing import Any, get_type_hints
+
+from friction_estimator.core.errors import ConfigError
+
+Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
+
+
+def setting(
+    default: Value,
+    description: str,
+    *,
+    unit: str = "",
+    low: float = -math.inf,
+    high: float = math.inf,
+    choices: Sequence[str] = (),
+    live: bool = False,
+    learned: bool = False,
+) -> Any:
+    """Declare one setting.
+
+    `live` settings act at once on a running node; the others act at the next reset. `learned` ones are
+    written by the estimator itself. `low` and `high` are inclusive and hold for every element of an array.
+    """
+    meta = {
+        "description": description,
+        "unit": unit,
+        "low": low,
+        "high": high,
+        "choices": tuple(choices),
+        "live": live,
+        "learned": learned,
+    }
+    return field(default=default, metadata=meta)
+
+
+@dataclass(frozen=True)
+class ModelConfig:
+    """Which model and which law."""
+
+    type: str = setting(
+        "parallel",
+        "Model structure: hammerstein (f = H g) or parallel (f = H1 d + H2 g, d the theoretical curve).",
+        choices=("hammerstein", "parallel"),
+    )
+    law: str = setting(
+        "rls",
+        "Adaptation law: lms (the paper's), nlms (joint normaliser) or rls (recursive prediction error).",
+        choices=("lms", "nlms", "rls"),
+    )
+    adapt: bool = setting(True, "Learn from every sample; false predicts with the present values.", live=True)
+
+
+@dataclass(frozen=True)
+class BasisConfig:
+    """The static nonlinearity g(v)."""
+
+    wavelet: str = setting(
+        "db3",
+        "Daubechies wavelet of g: db1 to db8.",
+        choices=tuple(f"db{order}" for order in range(1, 9)),
+    )
+    finest_level: int = setting(
+        -1, "Finest wavelet level m: features of 2^m basis units are resolved.", low=-8, high=8
+    )
+    coarsest_level: int = setting(
+        3, "Coarsest level; its scaling functions carry constants and slopes.", low=-8, high=12
+    )
+    velocity_range: tuple[float, ...] = setting(
+        (),
+        "Velocities that g covers, [lowest, highest]. Outside, g is held at the edge, nothing is learned, "
+        "and the diagnostics say so. Empty: derived from the recording by replay, [-0.15, 0.15] in the live node.",
+        unit="m/s",
+    )
+    velocity_unit: float = setting(
+        0.0,
+        "Velocity of one basis unit. 0: the velocity range divided into 16 units.",
+        unit="m/s per basis unit",
+        low=0.0,
+        high=1e9,
+    )
+
+
+@dataclass(frozen=True)
+class FirConfig:
+    """The linear part."""
+
+    order: int = setting(8, "Order N of each FIR filter; it has N + 1 taps.", low=0, high=64)
+
+
+@dataclass(frozen=True)
+class LmsConfig:
+    """The paper's law."""
+
+    step_size: float = setting(0.02, "Step size mu of lms, in normalised units.", low=0.0, high=1.0, live=True)
+
+
+@dataclass(frozen=True)
+class NlmsConfig:
+    """Normalised LMS with one joint normaliser."""
+
+    step_size: float = setting(0.5, "Step size mu of nlms.", low=0.0, high=1.0, live=True)
+    regularisation: float = setting(
+        1e-3, "Floor eps of the normaliser, in normalised units.", low=1e-12, high=1e3, live=True
+    )
+
+
+@dataclass(frozen=True)
+class RlsConfig:
+    """Recursive prediction error method."""
+
+    forgetting_factor: float = setting(
+        0.9998, "Forgetting factor lambda; the memory is 1 / (1 - lambda) samples.", low=0.9, high=1.0, live=True
+    )
+    initial_variance: float = setting(
+        10.0, "Variance of the parameters before the first sample, in normalised units.", low=1e-9, high=1e9
+    )
+
+
+@dataclass(frozen=True)
+class TheoryConfig:
+    """The theoretical steady-state curve d(v; p, T)."""
+
+    kind: str = setting(
+        "seal",
+        "Theoretical curve: seal (physics), table (CSV of your own) or none.",
+        choices=("seal", "table", "none"),
+    )
+    table: str = setting(
+        "", "CSV file velocity_m_s,pressure_Pa,temperature_K,friction_N (gauge pressure); for kind table."
+    )
+    ambient_pressure: float = setting(
+        101325.0, "Taken off the recorded absolute pressure.", unit="Pa", low=0.0, high=1e9
+    )
+    default_pressure: float = setting(
+        344737.8646584, "Gauge pressure where none is recorded (50 psi).", unit="Pa", low=-1.1e5, high=1e9
+    )
+    default_temperature: float = setting(
+        54.444444444444, "Temperature where none is recorded (130 degF).", unit="degC", low=-40.0, high=150.0
+    )
+
+
+@dataclass(frozen=True)
+class SealConfig:
+    """Parameters of the seal curve (geometry, p0, mu_b and phi are assumptions, each good to a factor of two)."""
+
+    shaft_diameter: float = setting(0.025, "Shaft diameter D.", unit="m", low=1e-4, high=10.0)
+    contact_width: float = setting(2e-4, "Contact width b0 without pressure.", unit="m", low=1e-7, high=1.0)
+    width_pressure: float = setting(8e6, "Pressure p_b that doubles the contact width.", unit="Pa", low=1e3, high=1e12)
+    preload_pressure: float = setting(2e6, "Mean contact pressure p0 without pressure.", unit="Pa", low=1.0, high=1e10)
+    boundary_friction: float = setting(0.20, "Boundary friction coefficient mu_b.", low=0.0, high=10.0)
+    roughness: float = setting(8e-8, "Combined roughness sigma.", unit="m", low=1e-10, high=1e-3)
+    rest_gap: float = setting(3e-8, "Film thickness h0 at rest.", unit="m", low=1e-12, high=1e-3)
+    inlet_gradient: float = setting(6.0, "Shape factor k_w of the inlet pressure gradient.", low=1e-3, high=1e4)
+    viscous_factor: float = setting(5.0, "Calibration phi of the viscous part.", low=0.0, high=1e4)
+    viscosity_40: float = setting(35.0, "Kinematic viscosity at 40 degC.", unit="cSt", low=1.0, high=1e5)
+    viscosity_100: float = setting(7.3, "Kinematic viscosity at 100 degC.", unit="cSt", low=0.5, high=1e4)
+    density: float = setting(850.0, "Oil density rho.", unit="kg/m3", low=100.0, high=5000.0)
+    pressure_viscosity: float = setting(1.8e-8, "Pressure-viscosity coefficient alpha.", unit="1/Pa", low=0.0, high=1e-6)
+    sign_velocity: float = setting(2e-3, "Velocity v_s of the smooth sign tanh(v/v_s).", unit="m/s", low=1e-9, high=10.0)
+    asymmetry: float = setting(0.0, "Film asymmetry asym between the directions.", low=-0.9, high=0.9)
+
+
+@dataclass(frozen=True)
+class InputConfig:
+    """Where the samples come from."""
+
+    mode: str = setting(
+        "stamped",
+        "stamped (TwistStamped and WrenchStamped, paired by stamp), joint_state (one JointState) or float64 "
+        "(two Float64, paired by receive time).",
+        choices=("stamped", "joint_state", "float64"),
+    )
+    axis: str = setting("x", "Axis of twist.linear and wrench.force.", choices=("x", "y", "z"))
+    joint: str = setting("", "Joint name in JointState messages; empty: the only joint.")
+    friction_sign: int = setting(
+        1, "-1 for a sensor wired the other way (friction must be positive at positive velocity).", low=-1, high=1
+    )
+
+
+@dataclass(frozen=True)
+class SyncConfig:
+    """Pairing and time."""
+
+    slop: float = setting(
+        0.0,
+        "Largest difference between paired stamps; 0: exact. Keep below half the sample period.",
+        unit="s",
+        low=0.0,
+        high=1.0,
+    )
+    queue: int = setting(1000, "Unpaired messages kept per input.", low=1, high=100000)
+    gap_factor: float = setting(
+        5.0, "A step of more than this many sample periods is a gap: the delay lines restart.", low=1.5, high=1e6
+    )
+    jump_back: float = setting(
+        1.0,
+        "A stamp earlier by at least this is a jump of the clock (bag loop): the delay lines restart, the "
+        "parameters stay. Smaller steps back are late samples and are dropped.",
+        unit="s",
+        low=0.0,
+        high=1e6,
+    )
+
+
+@dataclass(frozen=True)
+class PublishConfig:
+    """What the node publishes."""
+
+    parameters_rate: float = setting(
+        1.0, "Rate of ~/parameters/*; 0: every sample.", unit="Hz", low=0.0, high=1e4, live=True
+    )
+
+
+@dataclass(frozen=True)
+class StateConfig:
+    """The learned state on disk."""
+
+    file: str = setting("", "State file of ~/save and ~/load; empty: none.")
+    period: float = setting(60.0, "Time between periodic saves; 0: only on ~/save and at exit.", unit="s", low=0.0, high=1e6)
+
+
+@dataclass(frozen=True)
+class ExtensionConfig:
+    """Terms that a diagnosis added to the model."""
+
+    terms: tuple[str, ...] = setting((), "Terms as NAME:key=value,key=value (effect ids and their fixed parameters).")
+
+
+@dataclass(frozen=True)
+class LearnedConfig:
+    """Learned values: empty for a cold start, written by the running estimator."""
+
+    fir_taps: tuple[float, ...] = setting((), "Taps of the FIR behind g.", live=True, learned=True)
+    theory_taps: tuple[float, ...] = setting((), "Taps of the FIR behind the theoretical curve.", live=True, learned=True)
+    wavelet_weights: tuple[float, ...] = setting((), "Weights of g.", live=True, learned=True)
+    extension_weights: tuple[float, ...] = setting(
+        (), "Coefficients of the extension terms, in the order of extension.terms.", live=True, learned=True
+    )
+
+
+@dataclass(frozen=True)
+class Config:
+    """The whole configuration; immutable, validated at construction through `from_mapping` or `validated`."""
+
+    force_unit: float = setting(
+        0.0,
+        "Force of one normalised unit (the expected rms of friction). 0: derived from the recording by replay, "
+        "10 N in the live node.",
+        unit="N",
+        low=0.0,
+        high=1e12,
+    )
+    model: ModelConfig = ModelConfig()
+    basis: BasisConfig = BasisConfig()
+    fir: FirConfig = FirConfig()
+    lms: LmsConfig = LmsConfig()
+    nlms: NlmsConfig = NlmsConfig()
+    rls: RlsConfig = RlsConfig()
+    theory: TheoryConfig = TheoryConfig()
+    seal: SealConfig = SealConfig()
+    input: InputConfig = InputConfig()
+    sync: SyncConfig = SyncConfig()
+    publish: PublishConfig = PublishConfig()
+    state: StateConfig = StateConfig()
+    extension: ExtensionConfig = ExtensionConfig()
+    learned: LearnedConfig = LearnedConfig()
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, object]) -> "Config":
+        """Build from dotted names.
+
+        Raises ConfigError for an unknown name, a wrong type, a value out of range or a NaN, naming it.
+
+        >>> Config.from_mapping({"fir.order": 4}).fir.order
+        4
+        >>> Config.from_mapping({"rls.forgetting": 0.9})
+        Traceback (most recent call last):
+        friction_estimator.core.errors.ConfigError: unknown parameter rls.forgetting; nearest: rls.forgetting_factor
+        """
+        return cls().updated(values)
+
+    def updated(self, values: Mapping[str, object]) -> "Config":
+        """Return a copy with the named values replaced, checked as a whole."""
+        tree: dict[str, dict[str, Value]] = {}
+        for name, value in values.items():
+            item = parameter(name)
+            group, _, leaf = item.name.rpartition(".")
+            tree.setdefault(group, {})[leaf] = item.checked(value)
+        new = self
+        for group, leaves in tree.items():
+            if group:
+                new = replace(new, **{group: replace(getattr(new, group), **leaves)})
+            else:
+                new = replace(new, **leaves)  # type: ignore[arg-type]
+        new._check_consistency()
+        return new
+
+    def _check_consistency(self) -> None:
+        if self.basis.coarsest_level < self.basis.finest_level:
+            raise ConfigError(
+                f"basis.coarsest_level is {self.basis.coarsest_level}, below basis.finest_level "
+                f"{self.basis.finest_level}: levels grow coarser with their number"
+            )
+        velocity_range = self.basis.velocity_range
+        if velocity_range and (len(velocity_range) != 2 or not velocity_range[0] < velocity_range[1]):
+            raise ConfigError(
+                f"basis.velocity_range is {list(velocity_range)}: give [lowest, highest] in m/s, lowest first"
+            )
+        if self.input.friction_sign == 0:
+            raise ConfigError("input.friction_sign is 0: give 1 or -1")
+        if self.model.type == "parallel" and self.theory.kind == "none":
+            raise ConfigError(
+                "model.type parallel needs a theoretical curve, and theory.kind is none: "
+                "set theory.kind to seal or table, or model.type to hammerstein"
+            )
+        if self.theory.kind == "table" and not self.theory.table:
+            raise ConfigError("theory.kind is table and theory.table is empty: name the CSV file")
+
+    def to_mapping(self) -> dict[str, Value]:
+        """Return every value under its dotted name."""
+        return {item.name: item.of(self) for item in PARAMETERS.values()}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One setting with its declaration."""
+
+    name: str
+    type: type
+    default: Value
+    description: str
+    unit: str
+    low: float
+    high: float
+    choices: tuple[str, ...]
+    live: bool
+    learned: bool
+
+    @property
+    def is_array(self) -> bool:
+        """True for arrays of numbers or words."""
+        return self.type in (list, tuple)
+
+    @property
+    def element(self) -> type:
+        """Type of the value, or of an array's elements."""
+        return str if self.name == "extension.terms" else float if self.is_array else self.type
+
+    def of(self, config: Config) -> Value:
+        """Return this parameter's value in `config`."""
+        value: Any = config
+        for part in self.name.split("."):
+            value = getattr(value, part)
+        return value  # type: ignore[no-any-return]
+
+    def checked(self, value: object) -> Value:
+        """Return `value` in this parameter's type, or raise ConfigError with the reason.
+
+        An integer is accepted for a double; a bool is no number; NaN and infinities are refused, in arrays too.
+        """
+        if self.is_array:
+            if isinstance(value, str) or not hasattr(value, "__iter__"):
+                raise ConfigError(f"{self.name}: {value!r} is no array")
+            return tuple(self._scalar(item, f"{self.name}[{i}]") for i, item in enumerate(value))  # type: ignore[return-value]
+        return self._scalar(value, self.name)
+
+    def _scalar(self, value: object, where: str) -> Any:
+        wanted = self.element
+        item = getattr(value, "item", None)
+        value = item() if callable(item) else value  # numpy scalars
+        if wanted is float and isinstance(value, int) and not isinstance(value, bool):
+            value = float(value)
+        if wanted is int and isinstance(value, float) and value.is_integer():
+            value = int(value)
+        if type(value) is not wanted:
+            raise ConfigError(f"{where}: {value!r} is of type {type(value).__name__}, expected {wanted.__name__}")
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ConfigError(f"{where}: {value} is not a finite number")
+        if isinstance(value, int | float) and not isinstance(value, bool) and not self.low <= value <= self.high:
+            raise ConfigError(
+                f"{where}: {value} is out of range [{self.low:g}, {self.high:g}]{' ' + self.unit if self.unit else ''}"
+            )
+        if self.choices and value not in self.choices:
+            raise ConfigError(f"{where}: {value!r} is not one of {', '.join(self.choices)}")
+        return value
+
+
+def _walk(cls: type, prefix: str) -> Iterator[Parameter]:
+    hints = get_type_hints(cls)
+    for item in fields(cls):
+        kind = hints[item.name]
+        if is_dataclass(kind):
+            yield from _walk(kind, f"{prefix}{item.name}.")  # type: ignore[arg-type]
+        else:
+            origin = getattr(kind, "__origin__", kind)
+            yield Parameter(name=prefix + item.name, type=origin, default=item.default, **item.metadata)
+
+
+PARAMETERS: dict[str, Parameter] = {item.name: item for item in _walk(Config, "")}
+
+
+def parameter(name: str) -> Parameter:
+    """Return the declaration of a dotted name; ConfigError names the nearest one where it is unknown."""
+    try:
+        return PARAMETERS[name]
+    except KeyError:
+        import difflib  # only on the way to an error message
+
+        near = difflib.get_close_matches(name, PARAMETERS, n=1, cutoff=0.5)
+        hint = f"; nearest: {near[0]}" if near else ""
+        raise ConfigError(f"unknown parameter {name}{hint}") from None

@@ -1,0 +1,63 @@
+"""Samples as structure of arrays, in SI units: what every room of the house hands to the next."""
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+NS_PER_S = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Paired samples of one recording, in the order in which they are processed.
+
+    Attributes
+    ----------
+    stamp_ns : (n,) int64, header stamp, ns.
+    velocity_m_s : (n,) float64, shaft velocity, m/s.
+    friction_N : (n,) float64, measured friction, N; it has the sign of the velocity that it opposes.
+    restart : (n,) bool, True where the delay lines start anew (first sample, gap, backward jump).
+    pressure_Pa : (n,) float64 or None, absolute pressure held at the sample, Pa; NaN before the first value.
+    temperature_degC : (n,) float64 or None, held at the sample, degree Celsius; NaN before the first value.
+    position_m : (n,) float64 or None, shaft position held at the sample, m; NaN before the first value.
+    """
+
+    stamp_ns: Ints
+    velocity_m_s: Floats
+    friction_N: Floats
+    restart: Bools
+    pressure_Pa: Floats | None = None
+    temperature_degC: Floats | None = None
+    position_m: Floats | None = None
+
+    def __post_init__(self) -> None:
+        n = self.stamp_ns.size
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is not None and value.shape != (n,):
+                raise ValueError(f"Samples.{field.name} has shape {value.shape}, expected ({n},)")
+
+    def __len__(self) -> int:
+        return int(self.stamp_ns.size)
+
+    def __getitem__(self, part: slice) -> "Samples":
+        """Return a part; its arrays are views."""
+        cut = {f.name: None if (v := getattr(self, f.name)) is None else v[part] for f in fields(self)}
+        return replace(self, **cut)
+
+    @property
+    def time_s(self) -> Floats:
+        """Time since the first sample, s."""
+        return (self.stamp_ns - self.stamp_ns[:1]) / NS_PER_S
+
+    @property
+    def sample_rate_hz(self) -> float:
+        """Median sample rate inside gap-free pieces, Hz; NaN below two samples."""
+        step = np.diff(self.stamp_ns)[~self.restart[1:]]
+        step = step[step > 0]
+        return float(NS_PER_S / np.median(step)) if step.size else float("nan")

@@ -1,0 +1,1 @@
+"""What the simulation gets wrong: evidence, named cause, extended model, measured gain."""

@@ -1,0 +1,126 @@
+"""Files that are never half written, and the one configuration format (a ROS parameter file)."""
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from friction_estimator.core.config import Config, Value
+from friction_estimator.core.errors import ConfigError, InputError
+
+_PATH_PARAMETERS = ("theory.table", "state.file")
+
+
+@contextmanager
+def atomic_path(final: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield a temporary path beside `final`; rename it to `final` when the block ends without an exception.
+
+    Works for a file and for a directory (which replaces an older one whole). Whatever goes wrong, `final` is
+    either the old content or the new one, and nothing temporary stays behind.
+
+    Raises InputError where the folder cannot be written.
+    """
+    target = Path(final)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        scratch = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
+    except OSError as error:
+        raise InputError(f"cannot write {target}: {error.strerror}; choose another output path") from error
+    try:
+        part = scratch / target.name
+        yield part
+        if part.is_dir() and target.is_dir():
+            old = scratch / "old"
+            target.rename(old)
+            part.rename(target)
+        else:
+            if part.is_file():
+                with part.open("rb") as handle:
+                    os.fsync(handle.fileno())
+            part.replace(target)
+    except (IsADirectoryError, NotADirectoryError) as error:
+        raise InputError(f"cannot write {target}: a folder stands where a file goes, or the reverse") from error
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write a whole text file atomically."""
+    with atomic_path(path) as part:
+        part.write_text(text, encoding="utf-8")
+
+
+def read_parameters(path: str | os.PathLike[str], node: str = "friction_estimator") -> dict[str, Any]:
+    """Read a ROS parameter file into dotted names; relative paths in it become relative to the file.
+
+    Sections `/**` and then the node's own (with or without a leading slash) are merged, the latter wins.
+
+    Raises InputError where the file cannot be read, ConfigError where it is no parameter file.
+    """
+    source = Path(path)
+    try:
+        tree = yaml.safe_load(source.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"cannot read configuration {source}: {error.strerror}") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        line = getattr(getattr(error, "problem_mark", None), "line", None)
+        at = "" if line is None else f" (line {line + 1})"
+        raise ConfigError(f"{source} is no YAML{at}: {str(error).splitlines()[0]}") from error
+    if tree is None:
+        return {}
+    values: dict[str, Any] = {}
+    sections = 0
+    for name in ("/**", node, f"/{node}"):
+        section = tree.get(name) if isinstance(tree, dict) else None
+        if isinstance(section, dict) and isinstance(section.get("ros__parameters"), dict):
+            sections += 1
+            values |= _flatten(section["ros__parameters"])
+    if not sections:
+        raise ConfigError(f"{source} is no ROS parameter file: it needs '/**:' with 'ros__parameters:' below it")
+    for name in _PATH_PARAMETERS:
+        if isinstance(values.get(name), str) and values[name]:
+            values[name] = str(source.resolve().parent / values[name])
+    return values
+
+
+def _flatten(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for name, value in tree.items():
+        if isinstance(value, dict):
+            flat |= _flatten(value, f"{prefix}{name}.")
+        else:
+            flat[f"{prefix}{name}"] = value
+    return flat
+
+
+def read_config(path: str | os.PathLike[str]) -> Config:
+    """Read a configuration; ROS's own parameters in it (use_sim_time, qos_overrides) are passed over."""
+    values = read_parameters(path)
+    ours = {k: v for k, v in values.items() if k != "use_sim_time" and not k.startswith("qos_overrides.")}
+    try:
+        return Config.from_mapping(ours)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
+
+
+def write_config(path: str | os.PathLike[str], config: Config, *, header: str = "") -> None:
+    """Write a configuration as a ROS parameter file that the node and every verb read."""
+    tree: dict[str, Any] = {}
+    for name, value in config.to_mapping().items():
+        *groups, leaf = name.split(".")
+        place = tree
+        for group in groups:
+            place = place.setdefault(group, {})
+        place[leaf] = _plain(value)
+    text = yaml.safe_dump({"/**": {"ros__parameters": tree}}, sort_keys=False, width=100)
+    comment = "".join(f"# {line}\n" for line in header.splitlines())
+    write_text(path, comment + text)
+
+
+def _plain(value: Value) -> Any:
+    return list(value) if isinstance(value, tuple) else value

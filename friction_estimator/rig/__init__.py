@@ -1,0 +1,1 @@
+"""The simulated rig: drive, plant and sensors; effects are plugged in by name."""

@@ -1,0 +1,1 @@
+"""The ROS shell: the node, the player, the parameters. It holds no maths."""
