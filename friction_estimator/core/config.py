@@ -5,6 +5,7 @@ reflection), of the YAML files that every verb reads, and of their documentation
 its dotted name: `rls.forgetting_factor` is ``config.rls.forgetting_factor``.
 """
 
+import difflib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
@@ -69,9 +70,7 @@ class BasisConfig:
         "Daubechies wavelet of g: db1 to db8.",
         choices=tuple(f"db{order}" for order in range(1, 9)),
     )
-    finest_level: int = setting(
-        -1, "Finest wavelet level m: features of 2^m basis units are resolved.", low=-8, high=8
-    )
+    finest_level: int = setting(-1, "Finest wavelet level m: features of 2^m basis units are resolved.", low=-8, high=8)
     coarsest_level: int = setting(
         3, "Coarsest level; its scaling functions carry constants and slopes.", low=-8, high=12
     )
@@ -119,7 +118,11 @@ class RlsConfig:
     """Recursive prediction error method."""
 
     forgetting_factor: float = setting(
-        0.9998, "Forgetting factor lambda; the memory is 1 / (1 - lambda) samples.", low=0.9, high=1.0, live=True
+        0.9998,
+        "Forgetting factor lambda; the memory is 1 / (1 - lambda) samples.",
+        low=0.9,
+        high=1.0,
+        live=True,
     )
     initial_variance: float = setting(
         10.0, "Variance of the parameters before the first sample, in normalised units.", low=1e-9, high=1e9
@@ -165,8 +168,12 @@ class SealConfig:
     viscosity_40: float = setting(35.0, "Kinematic viscosity at 40 degC.", unit="cSt", low=1.0, high=1e5)
     viscosity_100: float = setting(7.3, "Kinematic viscosity at 100 degC.", unit="cSt", low=0.5, high=1e4)
     density: float = setting(850.0, "Oil density rho.", unit="kg/m3", low=100.0, high=5000.0)
-    pressure_viscosity: float = setting(1.8e-8, "Pressure-viscosity coefficient alpha.", unit="1/Pa", low=0.0, high=1e-6)
-    sign_velocity: float = setting(2e-3, "Velocity v_s of the smooth sign tanh(v/v_s).", unit="m/s", low=1e-9, high=10.0)
+    pressure_viscosity: float = setting(
+        1.8e-8, "Pressure-viscosity coefficient alpha.", unit="1/Pa", low=0.0, high=1e-6
+    )
+    sign_velocity: float = setting(
+        2e-3, "Velocity v_s of the smooth sign tanh(v/v_s).", unit="m/s", low=1e-9, high=10.0
+    )
     asymmetry: float = setting(0.0, "Film asymmetry asym between the directions.", low=-0.9, high=0.9)
 
 
@@ -183,7 +190,10 @@ class InputConfig:
     axis: str = setting("x", "Axis of twist.linear and wrench.force.", choices=("x", "y", "z"))
     joint: str = setting("", "Joint name in JointState messages; empty: the only joint.")
     friction_sign: int = setting(
-        1, "-1 for a sensor wired the other way (friction must be positive at positive velocity).", low=-1, high=1
+        1,
+        "-1 for a sensor wired the other way (friction must be positive at positive velocity).",
+        low=-1,
+        high=1,
     )
 
 
@@ -200,7 +210,10 @@ class SyncConfig:
     )
     queue: int = setting(1000, "Unpaired messages kept per input.", low=1, high=100000)
     gap_factor: float = setting(
-        5.0, "A step of more than this many sample periods is a gap: the delay lines restart.", low=1.5, high=1e6
+        5.0,
+        "A step of more than this many sample periods is a gap: the delay lines restart.",
+        low=1.5,
+        high=1e6,
     )
     jump_back: float = setting(
         1.0,
@@ -226,7 +239,9 @@ class StateConfig:
     """The learned state on disk."""
 
     file: str = setting("", "State file of ~/save and ~/load; empty: none.")
-    period: float = setting(60.0, "Time between periodic saves; 0: only on ~/save and at exit.", unit="s", low=0.0, high=1e6)
+    period: float = setting(
+        60.0, "Time between periodic saves; 0: only on ~/save and at exit.", unit="s", low=0.0, high=1e6
+    )
 
 
 @dataclass(frozen=True)
@@ -241,7 +256,9 @@ class LearnedConfig:
     """Learned values: empty for a cold start, written by the running estimator."""
 
     fir_taps: tuple[float, ...] = setting((), "Taps of the FIR behind g.", live=True, learned=True)
-    theory_taps: tuple[float, ...] = setting((), "Taps of the FIR behind the theoretical curve.", live=True, learned=True)
+    theory_taps: tuple[float, ...] = setting(
+        (), "Taps of the FIR behind the theoretical curve.", live=True, learned=True
+    )
     wavelet_weights: tuple[float, ...] = setting((), "Weights of g.", live=True, learned=True)
     extension_weights: tuple[float, ...] = setting(
         (), "Coefficients of the extension terms, in the order of extension.terms.", live=True, learned=True
@@ -298,10 +315,8 @@ class Config:
             tree.setdefault(group, {})[leaf] = item.checked(value)
         new = self
         for group, leaves in tree.items():
-            if group:
-                new = replace(new, **{group: replace(getattr(new, group), **leaves)})
-            else:
-                new = replace(new, **leaves)  # type: ignore[arg-type]
+            changes: dict[str, Any] = {group: replace(getattr(new, group), **leaves)} if group else leaves
+            new = replace(new, **changes)
         new._check_consistency()
         return new
 
@@ -414,8 +429,6 @@ def parameter(name: str) -> Parameter:
     try:
         return PARAMETERS[name]
     except KeyError:
-        import difflib  # only on the way to an error message
-
         near = difflib.get_close_matches(name, PARAMETERS, n=1, cutoff=0.5)
         hint = f"; nearest: {near[0]}" if near else ""
         raise ConfigError(f"unknown parameter {name}{hint}") from None

@@ -1,0 +1,243 @@
+"""Basis of the static nonlinearity g(v): Daubechies wavelets, evaluated sparsely from a dyadic table.
+
+g(v) = sum_mn w_mn psi_mn(v), psi_mn(v) = 2^(-m/2) psi(2^-m v - n) (Kwak, Yagle, Levitt 1998, section 2), with the
+scaling functions phi_Mn of the coarsest level M added so that constants and slopes are in the span.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import pywt
+from numba import njit
+from numpy.typing import NDArray
+
+from friction_estimator.core.config import BasisConfig
+from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.registry import Registry
+from friction_estimator.core.sample import Floats
+
+UNITS_PER_RANGE = 16.0
+"""Basis units in the velocity range where basis.velocity_unit is not set."""
+
+TABLE_LEVEL = 10
+"""The table has 2^TABLE_LEVEL rows a unit; between rows it is interpolated linearly."""
+
+LARGEST_BASIS = 4096
+"""More functions than this is a wrong velocity unit, not a model."""
+
+
+class Basis(Protocol):
+    """A basis of functions of velocity with a bounded number of non-zeros at every point."""
+
+    def __init__(self, config: BasisConfig) -> None: ...
+
+    @property
+    def size(self) -> int:
+        """Number of functions."""
+
+    @property
+    def width(self) -> int:
+        """Number of stored entries a point."""
+
+    def rows(self, velocity_m_s: Floats) -> tuple[NDArray[np.int32], Floats]:
+        """Return (index, value), each (n, width): the functions that may differ from zero, and their values."""
+
+    def inside(self, velocity_m_s: Floats) -> NDArray[np.bool_]:
+        """Return where the velocities lie in the covered range, (n,)."""
+
+    def prior_scale(self) -> Floats:
+        """Return the relative prior standard deviation of each weight, (size,)."""
+
+
+BASES: Registry[type[Basis]] = Registry("basis")
+
+
+@dataclass(frozen=True)
+class DyadicTable:
+    """Scaling function and wavelet of one Daubechies order at dyadic points.
+
+    Attributes
+    ----------
+    values : (2, 2^level + 1, 2 N - 1) float64; values[0] is phi and values[1] psi, and entry [r, k] stands for the
+        argument k + r 2^-level.
+    """
+
+    values: Floats
+
+    @property
+    def support(self) -> int:
+        """Length 2 N - 1 of the support."""
+        return int(self.values.shape[2])
+
+
+def dyadic_table(wavelet: str, level: int = TABLE_LEVEL) -> DyadicTable:
+    """Tabulate phi and psi of `wavelet` exactly on the dyadic grid of spacing 2^-level.
+
+    phi at the integers is the eigenvector for eigenvalue 1 of the refinement matrix sqrt(2) h[2 i - j], scaled to
+    sum to one; the dilation equation phi(x) = sqrt(2) sum_k h_k phi(2 x - k) then halves the spacing step by step, and
+    psi(x) = sqrt(2) sum_k g_k phi(2 x - k) (Daubechies 1992, chapters 5 and 6). The filters are PyWavelets'.
+    """
+    filters = pywt.Wavelet(wavelet)
+    low, high = np.sqrt(2.0) * np.array(filters.rec_lo), np.sqrt(2.0) * np.array(filters.rec_hi)
+    support = low.size - 1
+    refinement = np.zeros((support, support))
+    for i in range(support):
+        for j in range(support):
+            if 0 <= 2 * i - j < low.size:
+                refinement[i, j] = low[2 * i - j]
+    # phi(0 .. support-1); phi(support) = 0.
+    eigenvalues, vectors = np.linalg.eig(refinement)
+    start = np.real(vectors[:, np.argmin(abs(eigenvalues - 1.0))])
+    scaling = np.append(start / start.sum(), 0.0)
+    spacing = 1
+    wavelet_values = scaling
+    for _ in range(level):
+        refined = _dilate(scaling, low, spacing, support)
+        wavelet_values = _dilate(scaling, high, spacing, support)
+        scaling, spacing = refined, 2 * spacing
+    rows = np.arange(spacing + 1)[:, None] + spacing * np.arange(support)[None, :]
+    values = np.stack([scaling[rows], wavelet_values[rows]])
+    return DyadicTable(np.ascontiguousarray(values))
+
+
+def _dilate(scaling: Floats, taps: Floats, spacing: int, support: int) -> Floats:
+    """Return sum_k taps_k phi(2 x - k) on the grid of half the spacing, from phi on the present grid."""
+    points = 2 * spacing * support + 1
+    position = np.arange(points)  # x = position / (2 spacing); 2 x - k = (position - k spacing) / spacing
+    total = np.zeros(points)
+    for k, tap in enumerate(taps):
+        index = position - k * spacing
+        fits = (index >= 0) & (index < scaling.size)
+        total[fits] += tap * scaling[index[fits]]
+    return total
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _wavelet_rows(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    velocity, unit, low, high, scale, amplitude, first, kind, table, index, value
+):
+    """Fill (index, value) for each velocity; one block of `support` entries a level."""
+    steps = table.shape[1] - 1
+    support = table.shape[2]
+    for r in range(velocity.size):
+        held = min(max(velocity[r], low), high) / unit
+        for block in range(scale.size):
+            scaled = held * scale[block]
+            whole = np.floor(scaled)
+            fine = (scaled - whole) * steps
+            row = int(fine)
+            # Haar is a step function: its table is read without interpolation.
+            part = fine - row if support > 1 else 0.0
+            place = first[block] + int(whole)
+            for k in range(support):
+                index[r, block * support + k] = place - k
+                value[r, block * support + k] = amplitude[block] * (
+                    table[kind[block], row, k] * (1.0 - part) + table[kind[block], row + 1, k] * part
+                )
+
+
+class WaveletBasis:
+    """Daubechies wavelets of levels m = finest..coarsest and the scaling functions of the coarsest level.
+
+    A velocity v is u = v / velocity_unit basis units. At any u at most 2 N - 1 functions of a level differ from
+    zero. Velocities outside the range are held at its edge.
+
+    Parameters
+    ----------
+    config : wavelet, levels, velocity_range (m/s, not empty) and velocity_unit (m/s; 0: range / 16).
+
+    Raises
+    ------
+    ConfigError : empty range, or more than `LARGEST_BASIS` functions.
+
+    Examples
+    --------
+    >>> basis = WaveletBasis(BasisConfig(velocity_range=(-0.1, 0.1)))
+    >>> basis.size, basis.width
+    (92, 30)
+    >>> index, value = basis.rows(np.array([0.05]))
+    >>> index.shape, value.shape
+    ((1, 30), (1, 30))
+    """
+
+    def __init__(self, config: BasisConfig) -> None:
+        if not config.velocity_range:
+            raise ConfigError("basis.velocity_range is empty: give [lowest, highest] in m/s")
+        self.low, self.high = (float(v) for v in config.velocity_range)
+        self.unit = config.velocity_unit or (self.high - self.low) / UNITS_PER_RANGE
+        self.levels = tuple(range(config.finest_level, config.coarsest_level + 1))
+        self._table = dyadic_table(config.wavelet).values
+        support = self._table.shape[2]
+        exponents = np.array([*self.levels, self.levels[-1]])
+        self._scale = 2.0 ** -exponents.astype(np.float64)
+        self._amplitude = np.sqrt(self._scale)
+        self._kind = np.array([1] * len(self.levels) + [0], np.int64)
+        # Division before scaling, as in the kernel, so that the ends fall into the same cell.
+        lowest = np.floor(self.low / self.unit * self._scale).astype(np.int64) - (support - 1)
+        highest = np.floor(self.high / self.unit * self._scale).astype(np.int64)
+        counts = highest - lowest + 1
+        if counts.sum() > LARGEST_BASIS:
+            raise ConfigError(
+                f"basis.velocity_range {list(config.velocity_range)} holds {counts.sum()} functions of "
+                f"{self.unit:g} m/s units, more than {LARGEST_BASIS}: set a larger basis.velocity_unit or finest_level"
+            )
+        starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
+        self._first = starts - lowest
+        self._size = int(counts.sum())
+        self.level_of = np.repeat(exponents, counts)
+        self.is_scaling = np.repeat(self._kind == 0, counts)
+        self.translation = np.concatenate([np.arange(a, b + 1) for a, b in zip(lowest, highest, strict=True)])
+
+    @property
+    def size(self) -> int:
+        """Number of functions."""
+        return self._size
+
+    @property
+    def width(self) -> int:
+        """Number of stored entries a point: 2 N - 1 for each level and for the scaling functions."""
+        return int(self._scale.size * self._table.shape[2])
+
+    def rows(self, velocity_m_s: Floats) -> tuple[NDArray[np.int32], Floats]:
+        """Return (index, value), each (n, width); velocities must be finite."""
+        index = np.empty((velocity_m_s.size, self.width), np.int32)
+        value = np.empty((velocity_m_s.size, self.width))
+        _wavelet_rows(
+            velocity_m_s,
+            self.unit,
+            self.low,
+            self.high,
+            self._scale,
+            self._amplitude,
+            self._first,
+            self._kind,
+            self._table,
+            index,
+            value,
+        )
+        return index, value
+
+    def dense(self, velocity_m_s: Floats) -> Floats:
+        """Return Psi as a matrix (n, size)."""
+        index, value = self.rows(velocity_m_s)
+        psi = np.zeros((velocity_m_s.size, self.size))
+        np.put_along_axis(psi, index.astype(np.int64), value, axis=1)
+        return psi
+
+    def inside(self, velocity_m_s: Floats) -> NDArray[np.bool_]:
+        """Return where the velocities lie in the covered range, (n,)."""
+        return (velocity_m_s >= self.low) & (velocity_m_s <= self.high)
+
+    def prior_scale(self) -> Floats:
+        """Return the relative prior standard deviation of each weight, (size,): 2^(m/2), a smooth g."""
+        return np.asarray(2.0 ** (0.5 * (self.level_of - self.levels[-1])))
+
+
+for _order in range(1, 9):
+    BASES.register(f"db{_order}", WaveletBasis)
+
+
+def basis_from_config(config: BasisConfig) -> Basis:
+    """Return the basis that `basis.wavelet` names."""
+    return BASES[config.wavelet](config)

@@ -1,0 +1,48 @@
+"""Units and ranges where the configuration leaves them open."""
+
+import numpy as np
+
+from friction_estimator.core.config import Config
+from friction_estimator.core.sample import Floats
+
+LIVE_VELOCITY_RANGE = (-0.15, 0.15)
+"""m/s; an eccentric of 20 mm at one turn a second reaches 0.126 m/s."""
+
+LIVE_FORCE_UNIT = 10.0
+"""N."""
+
+MARGIN = 1.05
+"""Derived velocity ranges reach this much beyond the largest velocity."""
+
+
+def with_recorded_units(config: Config, velocity_m_s: Floats, friction_N: Floats) -> Config:
+    """Fill in what is unset from a recording: a symmetric velocity range and the rms of friction.
+
+    One wild velocity must not stretch the range: the 99.9 % quantile of |v| counts where the maximum is more than twice
+    as large. Non-finite values are passed over.
+    """
+    values: dict[str, object] = {}
+    if not config.basis.velocity_range:
+        speed = np.abs(velocity_m_s[np.isfinite(velocity_m_s)])
+        top = float(speed.max()) if speed.size else 0.0
+        usual = float(np.quantile(speed, 0.999)) if speed.size else 0.0
+        top = usual if top > 2.0 * usual > 0.0 else top
+        reach = MARGIN * top if top > 0.0 else LIVE_VELOCITY_RANGE[1]
+        values["basis.velocity_range"] = (-reach, reach)
+    if not config.force_unit > 0.0:
+        finite = friction_N[np.isfinite(friction_N)]
+        # The median square is blind to spikes; 0.45 is its share of the mean square for a Gaussian.
+        usual = float(np.sqrt(np.median(np.square(finite)) / 0.4549)) if finite.size else 0.0
+        rms = float(np.sqrt(np.mean(np.square(np.clip(finite, -6 * usual, 6 * usual))))) if usual > 0.0 else 0.0
+        values["force_unit"] = rms if rms > 0.0 else LIVE_FORCE_UNIT
+    return config.updated(values)
+
+
+def with_live_units(config: Config) -> Config:
+    """Fill in what is unset with the documented defaults of the live node."""
+    values: dict[str, object] = {}
+    if not config.basis.velocity_range:
+        values["basis.velocity_range"] = LIVE_VELOCITY_RANGE
+    if not config.force_unit > 0.0:
+        values["force_unit"] = LIVE_FORCE_UNIT
+    return config.updated(values)

@@ -1,0 +1,237 @@
+"""The estimator: model, law and state put together. Replay runs it over arrays, the live node over one sample."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from friction_estimator.core import kernels
+from friction_estimator.core.adaptation import LAWS
+from friction_estimator.core.config import PARAMETERS, Config
+from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.kernels import Workspace
+from friction_estimator.core.model import Extension, Model, Parameters
+from friction_estimator.core.sample import Bools, Floats, Samples
+
+CHUNK = 4096
+"""Samples prepared at a time: bounds the memory of a pass over a recording."""
+
+STATE_VERSION = 1
+
+STRUCTURE = (
+    "model.type",
+    "model.law",
+    "force_unit",
+    "fir.order",
+    "extension.terms",
+    *(name for name in PARAMETERS if name.startswith("basis.")),
+)
+"""Settings that must agree between a state and the estimator that takes it."""
+
+
+@dataclass(frozen=True)
+class Health:
+    """What the estimator says about itself.
+
+    Attributes
+    ----------
+    samples, learned : samples seen, and those learned from.
+    guarded : steps that the divergence guard shortened or refused.
+    clipped : errors that nlms or rls took for outliers and shortened.
+    outside : samples outside the velocity range (nothing was learned from them).
+    error_rms_N : running rms of the a priori error, N.
+    """
+
+    samples: int
+    learned: int
+    guarded: int
+    clipped: int
+    outside: int
+    error_rms_N: float
+
+
+class Estimator:
+    """Predict friction, then learn from the measurement, sample by sample.
+
+    Parameters
+    ----------
+    config : with units set (see `derive.with_units`).
+    extension : terms that a diagnosis added (see `effects`).
+
+    Examples
+    --------
+    >>> config = Config.from_mapping({"basis.velocity_range": [-0.1, 0.1], "force_unit": 5.0})
+    >>> estimator = Estimator(config)
+    >>> round(estimator.step(stamp_ns=1, velocity_m_s=0.02, friction_N=4.0), 2) > 0  # the theory, before learning
+    True
+    """
+
+    def __init__(self, config: Config, extension: Extension | None = None) -> None:
+        self.config = config
+        self.model = Model(config, extension)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was learned and start from the configuration's values."""
+        config, model = self.config, self.model
+        law = LAWS[config.model.law]
+        theta = model.initial_theta()
+        deviation = law.initial_deviation(config, model.prior_deviation())
+        taps, _, theory_taps, _ = model.shape
+        self._law_number = law.number
+        self._work = Workspace(
+            shape=model.shape.copy(),
+            theta=theta,
+            ring_index=np.zeros((taps, model.basis.width), np.int32),
+            ring_value=np.zeros((taps, model.basis.width)),
+            ring_theory=np.zeros(max(1, theory_taps)),
+            root=np.diag(deviation) if deviation.size else np.zeros((0, 0)),
+            diagonal=np.square(deviation),
+            law=law.constants(config),
+            moments=np.array([1.0, 0.0, 0.0, 0.0]),
+            status=np.zeros(8, np.int64),
+        )
+        if model.extension is not None:
+            model.extension.restart()
+
+    def run(self, samples: Samples, learn: Bools | bool = True) -> Floats:
+        """Predict and learn over samples in order.
+
+        Parameters
+        ----------
+        samples : admitted samples (finite velocity and friction).
+        learn : (n,) or one value: where to learn after predicting.
+
+        Returns
+        -------
+        (n,) float64, friction predicted before each measurement was used, N.
+        """
+        predicted = np.empty(len(samples))
+        learns = np.broadcast_to(np.asarray(learn, np.bool_), (len(samples),))
+        work = self._work
+        for start in range(0, len(samples), CHUNK):
+            part = slice(start, start + CHUNK)
+            inputs = self.model.inputs(samples[part])
+            work.status[kernels.OUTSIDE] += int(inputs.inside.size - np.count_nonzero(inputs.inside))
+            kernels.run(
+                self._law_number,
+                inputs.index,
+                inputs.value,
+                inputs.theory,
+                inputs.extension,
+                inputs.target,
+                inputs.restart,
+                learns[part] & inputs.inside,
+                predicted[part],
+                *work.arrays(),
+            )
+        predicted *= self.config.force_unit
+        return predicted
+
+    def step(
+        self,
+        stamp_ns: int,
+        velocity_m_s: float,
+        friction_N: float,
+        *,
+        pressure_Pa: float = float("nan"),
+        temperature_degC: float = float("nan"),
+        position_m: float = float("nan"),
+        restart: bool = False,
+        learn: bool = True,
+    ) -> float:
+        """Predict the friction of one sample (N), then learn from it; `run` over arrays of one."""
+        samples = Samples(
+            stamp_ns=np.array([stamp_ns], np.int64),
+            velocity_m_s=np.array([velocity_m_s]),
+            friction_N=np.array([friction_N]),
+            restart=np.array([restart]),
+            pressure_Pa=np.array([pressure_Pa]),
+            temperature_degC=np.array([temperature_degC]),
+            position_m=np.array([position_m]),
+        )
+        return float(self.run(samples, learn)[0])
+
+    def retune(self, config: Config) -> None:
+        """Take over the live settings of `config` (step sizes, forgetting); what was learned stays.
+
+        Settings that are not live are kept as they are until an estimator is built anew.
+        """
+        live = {name: item.of(config) for name, item in PARAMETERS.items() if item.live and not item.learned}
+        self.config = self.config.updated(live)
+        self._work.law[:] = LAWS[self.config.model.law].constants(self.config)
+
+    @property
+    def parameters(self) -> Parameters:
+        """The learned values."""
+        return self.model.split(self._work.theta)
+
+    @parameters.setter
+    def parameters(self, values: Parameters) -> None:
+        theta = values.theta
+        if theta.shape != self._work.theta.shape:
+            raise ConfigError(f"{theta.size} learned values were given, this model has {self._work.theta.size}")
+        if not np.all(np.abs(theta) < kernels.LARGEST_PARAMETER):
+            raise ConfigError(f"learned values must be finite and below {kernels.LARGEST_PARAMETER:g}")
+        self._work.theta[:] = theta
+
+    @property
+    def health(self) -> Health:
+        """Counters and running error."""
+        status = self._work.status
+        return Health(
+            samples=int(status[kernels.SEEN]),
+            learned=int(status[kernels.LEARNED]),
+            guarded=int(status[kernels.GUARDED]),
+            clipped=int(status[kernels.CLIPPED]),
+            outside=int(status[kernels.OUTSIDE]),
+            error_rms_N=float(np.sqrt(self._work.moments[kernels.ERROR_POWER]) * self.config.force_unit),
+        )
+
+    def state(self) -> dict[str, Any]:
+        """Return everything that the next prediction depends on: plain values and arrays, copied.
+
+        The delay lines of extension terms are not part of it; they restart with the next sample.
+        """
+        work = self._work.copy()
+        return {
+            "version": STATE_VERSION,
+            "structure": {name: PARAMETERS[name].of(self.config) for name in STRUCTURE},
+            "arrays": {f.name: getattr(work, f.name) for f in fields(work)},
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Take over a state; the estimator is unchanged if it does not fit.
+
+        Raises ConfigError naming the setting or array that differs.
+        """
+        if state.get("version") != STATE_VERSION:
+            raise ConfigError(f"state has version {state.get('version')}, this program reads {STATE_VERSION}")
+        for name in STRUCTURE:
+            theirs, ours = state["structure"].get(name), PARAMETERS[name].of(self.config)
+            if _plain(theirs) != _plain(ours):
+                raise ConfigError(f"state was learned with {name} = {theirs}, this estimator has {ours}")
+        taken = {}
+        for item in fields(Workspace):
+            ours = getattr(self._work, item.name)
+            theirs = np.asarray(state["arrays"].get(item.name))
+            if theirs.shape != ours.shape or theirs.dtype != ours.dtype:
+                raise ConfigError(
+                    f"state array {item.name} is {theirs.dtype}{theirs.shape}, expected {ours.dtype}{ours.shape}"
+                )
+            if not np.all(np.isfinite(theirs)):
+                raise ConfigError(f"state array {item.name} holds values that are not finite")
+            taken[item.name] = theirs.copy()
+        index = taken["ring_index"]
+        if index.size and (index.min() < 0 or index.max() >= self.model.basis.size):
+            raise ConfigError("state array ring_index points outside the basis")
+        taken["shape"] = self._work.shape
+        taken["law"] = self._work.law
+        self._work = Workspace(**taken)
+        if self.model.extension is not None:
+            self.model.extension.restart()
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value

@@ -1,0 +1,341 @@
+"""The compiled sample loop that replay and the live node share.
+
+One sample is: push the new row into the delay lines, predict, learn. `run` does this over arrays; the node calls
+it with arrays of one. All state lives in the arrays of `Workspace`, so it can be copied, compared and restored bit
+for bit.
+
+With theta = [A, W, A1, C] (FIR taps, wavelet weights, theory taps, extension coefficients) the model is
+
+    f_hat[k] = sum_i A_i W' Psi[k-i] + sum_i A1_i d[k-i] + C' z[k]
+
+and its gradient, the regressor x of every law, is [F, A(q) Psi, F1, z] with F_i = W' Psi[k-i] for the present W (Kwak,
+Yagle, Levitt 1998, section 3; the printed F1 repeats lag 0, which is read as a misprint).
+"""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from friction_estimator.core.sample import Floats, Ints
+
+LMS, NLMS, RLS = range(3)
+"""Numbers of the laws in the compiled dispatch; core/adaptation.py has the classes."""
+
+# Places in Workspace.shape
+TAPS, WEIGHTS, THEORY_TAPS, EXTENSIONS = range(4)
+
+# Places in Workspace.status
+HEAD, SEEN, LEARNED, GUARDED, CLIPPED, OUTSIDE = range(6)
+
+# Places in Workspace.moments
+ERROR_POWER, TARGET_POWER, TARGET_MEAN, CAP_AGE = range(4)
+
+# Places in Workspace.law
+STEP, FLOOR, FORGETTING, VARIANCE_CAP = range(4)
+
+CLIP = 6.0
+"""Errors beyond this many running rms are shortened before nlms and rls learn from them (Huber)."""
+
+ERROR_MEMORY = 200.0
+"""Samples over which the running error power is averaged."""
+
+LARGEST_PARAMETER = 1e6
+"""Guard: no normalised parameter grows beyond this."""
+
+
+@dataclass
+class Workspace:
+    """Everything that one estimator carries from sample to sample.
+
+    Attributes
+    ----------
+    shape : (4,) int64, number of FIR taps, weights, theory taps and extension columns.
+    theta : (n,) parameters [A, W, A1, C] in normalised units.
+    ring_index, ring_value : (taps, width), the last rows of Psi; `status[HEAD]` is the newest.
+    ring_theory : (max(theory taps, 1),), the last values of d, newest at `status[SEEN] % size`.
+    root : (n, n), square root S of the covariance P = S S' (rls), else (0, 0).
+    diagonal : (n,), the diagonal of P (rls), else (0,).
+    law : (4,), constants of the law.
+    moments : (4,), running powers.
+    status : (6,) int64, counters.
+    """
+
+    shape: Ints
+    theta: Floats
+    ring_index: NDArray[np.int32]
+    ring_value: Floats
+    ring_theory: Floats
+    root: Floats
+    diagonal: Floats
+    law: Floats
+    moments: Floats
+    status: Ints
+
+    def copy(self) -> "Workspace":
+        """Return an independent copy."""
+        return Workspace(**{f.name: getattr(self, f.name).copy() for f in fields(self)})
+
+    def arrays(self) -> tuple[NDArray[np.generic], ...]:
+        """Return the arrays in the order in which `run` takes them."""
+        return tuple(getattr(self, f.name) for f in fields(self))
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _push(shape, ring_index, ring_value, ring_theory, status, index, value, theory, restart):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Put the newest row into the delay lines; a restart fills them with it (as if it had stood there)."""
+    taps = shape[TAPS]
+    if restart:
+        for i in range(taps):
+            ring_index[i, :] = index
+            ring_value[i, :] = value
+        ring_theory[:] = theory
+        status[HEAD] = 0
+        return
+    head = status[HEAD] + 1
+    status[HEAD] = head
+    ring_index[head % taps, :] = index
+    ring_value[head % taps, :] = value
+    ring_theory[head % ring_theory.size] = theory
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _regress(shape, theta, ring_index, ring_value, ring_theory, status, extension, x):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Fill the gradient x and return the prediction."""
+    taps, weights, theory_taps = shape[TAPS], shape[WEIGHTS], shape[THEORY_TAPS]
+    width = ring_index.shape[1]
+    head = status[HEAD]
+    x[taps : taps + weights] = 0.0
+    prediction = 0.0
+    for i in range(taps):
+        row = (head - i) % taps
+        tap = theta[i]
+        g = 0.0
+        for k in range(width):
+            place = ring_index[row, k]
+            psi = ring_value[row, k]
+            g += theta[taps + place] * psi
+            x[taps + place] += tap * psi
+        x[i] = g
+        prediction += tap * g
+    start = taps + weights
+    for i in range(theory_taps):
+        lagged = ring_theory[(head - i) % ring_theory.size]
+        x[start + i] = lagged
+        prediction += theta[start + i] * lagged
+    start += theory_taps
+    for i in range(shape[EXTENSIONS]):
+        x[start + i] = extension[i]
+        prediction += theta[start + i] * extension[i]
+    return prediction
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _normalise_taps(shape, theta):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Divide A by its norm (the paper's A = A*/||A*||); return the norm, 0 where A vanished and was left alone."""
+    taps = shape[TAPS]
+    norm = 0.0
+    for i in range(taps):
+        norm += theta[i] * theta[i]
+    norm = np.sqrt(norm)
+    if norm > 1e-12:
+        for i in range(taps):
+            theta[i] /= norm
+        return norm
+    return 0.0
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _gradient_step(theta, x, gain, status):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """theta += gain x, unless a parameter would leave the guarded range: then nothing is learned here."""
+    largest = 0.0
+    for i in range(theta.size):
+        largest = max(largest, abs(theta[i] + gain * x[i]))
+    if not largest < LARGEST_PARAMETER:  # also true for NaN
+        status[GUARDED] += 1
+        return False
+    for i in range(theta.size):
+        theta[i] += gain * x[i]
+    return True
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _learn_lms(shape, theta, law, status, x, error):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """The paper's law: A* = A + mu e F, A = A*/||A*||, W += mu e A(q) Psi, A1 += mu e F1.
+
+    Guard: where mu |x|^2 > 1 the step would overshoot the sample that it learns from, the first sign of divergence;
+    it is shortened to mu = 1/|x|^2 and counted.
+    """
+    energy = 0.0
+    for i in range(x.size):
+        energy += x[i] * x[i]
+    step = law[STEP]
+    if step * energy > 1.0:
+        step = 1.0 / energy
+        status[GUARDED] += 1
+    if _gradient_step(theta, x, step * error, status):
+        _normalise_taps(shape, theta)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _move_norm_into_weights(shape, theta):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Normalise A and multiply W by its norm, where it has left [0.8, 1.25]: the output does not change.
+
+    Return the norm that was moved, 0 where nothing was.
+    """
+    taps = shape[TAPS]
+    power = 0.0
+    for i in range(taps):
+        power += theta[i] * theta[i]
+    if 0.64 < power < 1.5625:
+        return 0.0
+    norm = _normalise_taps(shape, theta)
+    if norm > 0.0:
+        for i in range(taps, taps + shape[WEIGHTS]):
+            theta[i] *= norm
+    return norm
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _learn_nlms(shape, theta, law, status, x, error):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """theta += mu e x / (eps + |x|^2), one normaliser for all blocks, then the norm of A goes into W."""
+    energy = law[FLOOR]
+    for i in range(x.size):
+        energy += x[i] * x[i]
+    if _gradient_step(theta, x, law[STEP] * error / energy, status):
+        _move_norm_into_weights(shape, theta)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _learn_rls(shape, theta, law, moments, status, root, diagonal, x, error, projected, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Recursive prediction error with directional forgetting, in square-root form.
+
+    P = S S' is positive semidefinite whatever is rounded. With r = x' P x the update
+
+        theta += P x e / (1 + r),  S <- S (I - gamma f f'), f = S' x, (1 - gamma r)^2 = 1 / (lambda (1 + r))
+
+    is the information update R <- R - (1 - lambda) R x x' R / (x' R x) + x x' of Kulhavy and Karny (1984): only
+    what is known along x is forgotten, so nothing winds up at standstill. Forgetting pauses where it would raise a
+    variance above its cap.
+    """
+    n = theta.size
+    for j in range(n):
+        projected[j] = 0.0
+    for i in range(n):
+        xi = x[i]
+        if xi != 0.0:
+            for j in range(n):
+                projected[j] += root[i, j] * xi
+    r = 0.0
+    for j in range(n):
+        r += projected[j] * projected[j]
+    if not r < 1e12 or r < 1e-14:
+        return
+    for i in range(n):
+        total = 0.0
+        for j in range(n):
+            total += root[i, j] * projected[j]
+        gain[i] = total
+    if not _gradient_step(theta, gain, error / (1.0 + r), status):
+        return
+    shrink = 1.0 / (law[FORGETTING] * (1.0 + r))
+    change = (1.0 - shrink) / r  # P <- P - change g g'
+    if shrink > 1.0:
+        for i in range(n):
+            if diagonal[i] - change * gain[i] * gain[i] > law[VARIANCE_CAP]:
+                shrink = 1.0 / (1.0 + r)
+                change = (1.0 - shrink) / r
+                break
+    gamma = (1.0 - np.sqrt(shrink)) / r
+    for i in range(n):
+        factor = gamma * gain[i]
+        for j in range(n):
+            root[i, j] -= factor * projected[j]
+        diagonal[i] -= change * gain[i] * gain[i]
+    norm = _move_norm_into_weights(shape, theta)
+    taps, weights = shape[TAPS], shape[WEIGHTS]
+    if norm > 0.0:
+        for i in range(taps + weights):
+            scale = 1.0 / norm if i < taps else norm
+            diagonal[i] *= scale * scale
+            for j in range(n):
+                root[i, j] *= scale
+    moments[CAP_AGE] += 1.0
+    if moments[CAP_AGE] >= 1000.0:  # rounding must not gather in the running diagonal
+        moments[CAP_AGE] = 0.0
+        for i in range(n):
+            total = 0.0
+            for j in range(n):
+                total += root[i, j] * root[i, j]
+            diagonal[i] = total
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    law_number,
+    index,
+    value,
+    theory,
+    extension,
+    target,
+    restart,
+    learn,
+    predicted,
+    shape,
+    theta,
+    ring_index,
+    ring_value,
+    ring_theory,
+    root,
+    diagonal,
+    law,
+    moments,
+    status,
+):
+    """Predict and learn over n samples.
+
+    Parameters
+    ----------
+    law_number : LMS, NLMS or RLS.
+    index, value : (n, width), rows of Psi. theory : (n,), d. extension : (n, columns). target : (n,), measured
+        friction. All in normalised units and finite.
+    restart, learn : (n,) bool.
+    predicted : (n,), filled with the a priori prediction.
+    shape .. status : the arrays of `Workspace`, updated in place.
+    """
+    n = theta.size
+    x = np.zeros(n)
+    projected = np.zeros(n)
+    gain = np.zeros(n)
+    for k in range(target.size):
+        _push(
+            shape,
+            ring_index,
+            ring_value,
+            ring_theory,
+            status,
+            index[k],
+            value[k],
+            theory[k],
+            restart[k] or status[SEEN] == 0,
+        )
+        status[SEEN] += 1
+        predicted[k] = _regress(shape, theta, ring_index, ring_value, ring_theory, status, extension[k], x)
+        error = target[k] - predicted[k]
+        limit = CLIP * np.sqrt(moments[ERROR_POWER])
+        clipped = min(max(error, -limit), limit)
+        moments[ERROR_POWER] += (clipped * clipped - moments[ERROR_POWER]) / ERROR_MEMORY
+        moments[ERROR_POWER] = max(moments[ERROR_POWER], 1e-12)
+        if not learn[k]:
+            continue
+        status[LEARNED] += 1
+        if law_number == LMS:
+            _learn_lms(shape, theta, law, status, x, error)
+            continue
+        if clipped != error:
+            status[CLIPPED] += 1
+        if law_number == NLMS:
+            _learn_nlms(shape, theta, law, status, x, clipped)
+        else:
+            _learn_rls(shape, theta, law, moments, status, root, diagonal, x, clipped, projected, gain)

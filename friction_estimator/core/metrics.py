@@ -1,0 +1,74 @@
+"""Figures of merit, the same everywhere."""
+
+from itertools import pairwise
+
+import numpy as np
+
+from friction_estimator.core.sample import Bools, Floats
+
+LEAST_CYCLES = 3
+"""Fewer drive cycles than this are not reported as cycles."""
+
+
+def nrmse(measured: Floats, predicted: Floats) -> float:
+    """Return rms(measured - predicted) / std(measured); NaN below two samples or where the signal is constant.
+
+    >>> nrmse(np.array([0.0, 2.0]), np.array([1.0, 1.0]))
+    1.0
+    """
+    if measured.size < 2:
+        return float("nan")
+    spread = float(np.std(measured))
+    if not spread > 0.0:
+        return float("nan")
+    return float(np.sqrt(np.mean(np.square((measured - predicted) / spread))))
+
+
+def nrmse_persistence(measured: Floats, restart: Bools) -> float:
+    """Return the nrmse of the guess f[k-1]; samples after a restart have no predecessor and are left out."""
+    follows = ~restart[1:]
+    error = np.diff(measured)[follows]
+    spread = float(np.std(measured[1:][follows])) if error.size > 1 else 0.0
+    return float(np.sqrt(np.mean(np.square(error / spread)))) if spread > 0.0 else float("nan")
+
+
+def drive_cycles(velocity_m_s: Floats) -> list[slice]:
+    """Split a record into drive cycles at the upward zero crossings of velocity.
+
+    A crossing counts once the velocity has left a band of a quarter of its rms on both sides, so that noise at
+    standstill makes no cycles. The pieces before the first and after the last crossing are left out.
+
+    Returns an empty list where fewer than `LEAST_CYCLES` cycles are found or their lengths spread by more than 50 %
+    (a drive that is not periodic).
+
+    >>> t = np.arange(5000) / 1000
+    >>> [c.stop - c.start for c in drive_cycles(np.sin(2 * np.pi * t - 1.0))]
+    [1000, 1000, 1000, 1000]
+    """
+    band = 0.25 * float(np.sqrt(np.mean(np.square(velocity_m_s)))) if velocity_m_s.size else 0.0
+    if not band > 0.0:
+        return []
+    side = np.sign(velocity_m_s) * (np.abs(velocity_m_s) > band)
+    known = np.flatnonzero(side)
+    rises = np.flatnonzero((side[known][:-1] < 0) & (side[known][1:] > 0))
+    starts = []
+    for rise in rises:
+        first, last = known[rise], known[rise + 1]
+        starts.append(first + 1 + int(np.argmax(velocity_m_s[first + 1 : last + 1] >= 0.0)))
+    lengths = np.diff(starts)
+    if lengths.size < LEAST_CYCLES or np.std(lengths) > 0.5 * np.mean(lengths):
+        return []
+    return [slice(a, b) for a, b in pairwise(starts)]
+
+
+def by_cycle(measured: Floats, predicted: Floats, velocity_m_s: Floats) -> list[float]:
+    """Return the error rms of each drive cycle over the std of the whole record (tenths where there is no cycle)."""
+    spread = float(np.std(measured)) if measured.size else 0.0
+    if not spread > 0.0:
+        return []
+    parts = drive_cycles(velocity_m_s)
+    if not parts:
+        edges = np.linspace(0, measured.size, 11).astype(int)
+        parts = [slice(a, b) for a, b in pairwise(edges) if b > a]
+    error = (measured - predicted) / spread
+    return [float(np.sqrt(np.mean(np.square(error[part])))) for part in parts]

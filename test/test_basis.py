@@ -1,0 +1,125 @@
+"""Daubechies basis: orthonormal, vanishing moments, partition of unity, sparse, PyWavelets' own values."""
+
+import numpy as np
+import pytest
+import pywt
+
+from friction_estimator.core.basis import BASES, WaveletBasis, basis_from_config, dyadic_table
+from friction_estimator.core.config import PARAMETERS, BasisConfig, Config
+from friction_estimator.core.errors import ConfigError
+
+ORDERS = range(1, 9)
+
+
+def wide_basis(order: int) -> WaveletBasis:
+    return WaveletBasis(
+        BasisConfig(wavelet=f"db{order}", velocity_range=(-64.0, 64.0), velocity_unit=1.0, coarsest_level=2)
+    )
+
+
+def midpoints(low: float, high: float, level: int) -> tuple[np.ndarray, float]:
+    step = 2.0**-level
+    return np.arange(low + step / 2, high, step), step
+
+
+def interior(basis: WaveletBasis, support: int, low: float, high: float) -> np.ndarray:
+    """Functions whose whole support lies in the range."""
+    scale = 2.0**basis.level_of
+    return (basis.translation * scale >= low) & ((basis.translation + support) * scale <= high)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_gram_matrix_is_the_identity(order):
+    basis = wide_basis(order)
+    u, step = midpoints(-64.0, 64.0, 8)
+    psi = basis.dense(u)[:, interior(basis, 2 * order - 1, -64.0, 64.0)]
+    gram = psi.T @ psi * step
+    assert np.abs(gram - np.eye(gram.shape[0])).max() < 1e-3
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_wavelets_have_vanishing_moments(order):
+    table = dyadic_table(f"db{order}")
+    psi = table.values[1][:-1].T.ravel()
+    x = np.arange(psi.size) / (table.values.shape[1] - 1)
+    for moment in range(min(order, 3)):
+        assert abs(np.mean(psi * (x / table.support) ** moment)) < 2e-4
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_scaling_functions_sum_to_one(order):
+    np.testing.assert_allclose(dyadic_table(f"db{order}").values[0][:-1].sum(axis=1), 1.0, atol=1e-13)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_table_agrees_with_pywavelets(order):
+    """PyWavelets iterates its cascade instead of solving for the exact values; the difference shrinks with its level."""
+
+    def largest_difference(level: int) -> float:
+        table = dyadic_table(f"db{order}", level).values
+        phi, psi, _ = pywt.Wavelet(f"db{order}").wavefun(level)
+        worst = 0.0
+        for ours, theirs in ((table[0], phi), (table[1], psi)):
+            flat = ours[:-1].T.ravel()
+            n = min(flat.size, theirs.size) - 8
+            worst = max(worst, min(float(np.sqrt(np.mean((flat[:n] - theirs[s : s + n]) ** 2))) for s in range(3)))
+        return worst
+
+    coarse, fine = largest_difference(8), largest_difference(12)
+    assert fine < 1e-3
+    assert fine <= max(coarse, 1e-12)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_at_most_the_support_is_nonzero_on_a_level(order):
+    basis = wide_basis(order)
+    u, _ = midpoints(-64.0, 64.0, 4)
+    psi = basis.dense(u)
+    for level in basis.levels:
+        assert np.count_nonzero(psi[:, (basis.level_of == level) & ~basis.is_scaling], axis=1).max() <= 2 * order - 1
+    assert np.count_nonzero(psi[:, basis.is_scaling], axis=1).max() <= 2 * order - 1
+
+
+@pytest.mark.parametrize("order", [3, 4, 5])
+def test_constants_and_slopes_are_in_the_span(order):
+    basis = WaveletBasis(BasisConfig(wavelet=f"db{order}", velocity_range=(-0.2, 0.3)))
+    v = np.linspace(-0.2, 0.3, 501)
+    psi = basis.dense(v)
+    for target in (np.ones_like(v), v / 0.3):
+        weights = np.linalg.lstsq(psi, target, rcond=None)[0]
+        assert np.abs(psi @ weights - target).max() < 1e-3
+
+
+def test_every_velocity_in_and_outside_the_range_has_valid_entries():
+    basis = WaveletBasis(BasisConfig(velocity_range=(-0.11, 0.07), velocity_unit=0.013))
+    v = np.concatenate([np.linspace(-0.11, 0.07, 999), [-1e9, 1e9, 0.0, -0.11, 0.07]])
+    index, value = basis.rows(v)
+    assert index.min() >= 0
+    assert index.max() < basis.size
+    assert np.isfinite(value).all()
+    np.testing.assert_array_equal(basis.dense(np.array([1e9])), basis.dense(np.array([0.07])))
+    assert not basis.inside(np.array([0.071])).any()
+
+
+def test_registered_names_are_those_of_the_setting():
+    assert set(PARAMETERS["basis.wavelet"].choices) == set(BASES)
+
+
+@pytest.mark.parametrize("name", BASES)
+def test_every_basis_keeps_the_protocol(name):
+    config = Config.from_mapping({"basis.wavelet": name, "basis.velocity_range": [-1.0, 1.0]}).basis
+    basis = basis_from_config(config)
+    v = np.linspace(-1.5, 1.5, 101)
+    index, value = basis.rows(v)
+    assert index.shape == value.shape == (101, basis.width)
+    assert basis.prior_scale().shape == (basis.size,)
+    one_index, one_value = basis.rows(v[50:51])
+    np.testing.assert_array_equal(one_index[0], index[50])
+    np.testing.assert_array_equal(one_value[0], value[50])
+
+
+def test_a_wrong_unit_is_refused_with_the_remedy():
+    with pytest.raises(ConfigError, match="velocity_unit"):
+        WaveletBasis(BasisConfig(velocity_range=(-1.0, 1.0), velocity_unit=1e-6))
+    with pytest.raises(ConfigError, match="velocity_range"):
+        WaveletBasis(BasisConfig())
