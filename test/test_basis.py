@@ -53,7 +53,7 @@ def test_scaling_functions_sum_to_one(order):
 
 @pytest.mark.parametrize("order", ORDERS)
 def test_table_agrees_with_pywavelets(order):
-    """PyWavelets iterates its cascade instead of solving for the exact values; the difference shrinks with its level."""
+    """PyWavelets iterates its cascade where we solve for the exact values; the difference shrinks with its level."""
 
     def largest_difference(level: int) -> float:
         table = dyadic_table(f"db{order}", level).values

@@ -58,7 +58,7 @@ def test_bag_loop_keeps_every_sample_and_restarts():
 
 def test_bag_loop_survives_topics_that_wrap_at_different_moments():
     intake = Intake(Config())
-    events = both(range(1, 2001)) + [(VELOCITY, 2001, 0), (VELOCITY, 1, 0), (FRICTION, 2001, 0), (FRICTION, 1, 0)]
+    events = [*both(range(1, 2001)), (VELOCITY, 2001, 0), (VELOCITY, 1, 0), (FRICTION, 2001, 0), (FRICTION, 1, 0)]
     assert push_all(intake, events)[-2:] == [2001, 1]
     assert intake.counts == {"used": 2002}
 
@@ -66,7 +66,7 @@ def test_bag_loop_survives_topics_that_wrap_at_different_moments():
 @pytest.mark.parametrize("wild", [10**9, 1])
 def test_one_wild_stamp_does_not_stall_the_stream(wild):
     intake = Intake(Config())
-    events = both(range(5000, 5010)) + [(VELOCITY, wild, 0.0)] + both(range(5010, 5020))
+    events = [*both(range(5000, 5010)), (VELOCITY, wild, 0.0), *both(range(5010, 5020))]
     assert push_all(intake, events) == list(range(5000, 5020))
     assert intake.counts == {"used": 20, "unmatched": 1}
 

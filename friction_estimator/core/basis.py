@@ -113,7 +113,7 @@ def _dilate(scaling: Floats, taps: Floats, spacing: int, support: int) -> Floats
     return total
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _wavelet_rows(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     velocity, unit, low, high, scale, amplitude, first, kind, table, index, value
 ):

@@ -9,7 +9,7 @@ import difflib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from typing import Any, get_type_hints
+from typing import Any, cast, get_type_hints
 
 from friction_estimator.core.errors import ConfigError
 
@@ -351,7 +351,7 @@ class Parameter:
     """One setting with its declaration."""
 
     name: str
-    type: type
+    kind: type
     default: Value
     description: str
     unit: str
@@ -364,19 +364,19 @@ class Parameter:
     @property
     def is_array(self) -> bool:
         """True for arrays of numbers or words."""
-        return self.type in (list, tuple)
+        return self.kind is tuple
 
     @property
     def element(self) -> type:
         """Type of the value, or of an array's elements."""
-        return str if self.name == "extension.terms" else float if self.is_array else self.type
+        return str if self.name == "extension.terms" else float if self.is_array else self.kind
 
     def of(self, config: Config) -> Value:
         """Return this parameter's value in `config`."""
         value: Any = config
         for part in self.name.split("."):
             value = getattr(value, part)
-        return value  # type: ignore[no-any-return]
+        return cast(Value, value)
 
     def checked(self, value: object) -> Value:
         """Return `value` in this parameter's type, or raise ConfigError with the reason.
@@ -386,8 +386,8 @@ class Parameter:
         if self.is_array:
             if isinstance(value, str) or not hasattr(value, "__iter__"):
                 raise ConfigError(f"{self.name}: {value!r} is no array")
-            return tuple(self._scalar(item, f"{self.name}[{i}]") for i, item in enumerate(value))  # type: ignore[return-value]
-        return self._scalar(value, self.name)
+            return tuple(self._scalar(item, f"{self.name}[{i}]") for i, item in enumerate(value))
+        return cast(Value, self._scalar(value, self.name))
 
     def _scalar(self, value: object, where: str) -> Any:
         wanted = self.element
@@ -418,7 +418,7 @@ def _walk(cls: type, prefix: str) -> Iterator[Parameter]:
             yield from _walk(kind, f"{prefix}{item.name}.")  # type: ignore[arg-type]
         else:
             origin = getattr(kind, "__origin__", kind)
-            yield Parameter(name=prefix + item.name, type=origin, default=item.default, **item.metadata)
+            yield Parameter(name=prefix + item.name, kind=origin, default=cast(Value, item.default), **item.metadata)
 
 
 PARAMETERS: dict[str, Parameter] = {item.name: item for item in _walk(Config, "")}

@@ -82,7 +82,7 @@ class Workspace:
         return tuple(getattr(self, f.name) for f in fields(self))
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _push(shape, ring_index, ring_value, ring_theory, status, index, value, theory, restart):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Put the newest row into the delay lines; a restart fills them with it (as if it had stood there)."""
     taps = shape[TAPS]
@@ -100,7 +100,7 @@ def _push(shape, ring_index, ring_value, ring_theory, status, index, value, theo
     ring_theory[head % ring_theory.size] = theory
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _regress(shape, theta, ring_index, ring_value, ring_theory, status, extension, x):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Fill the gradient x and return the prediction."""
     taps, weights, theory_taps = shape[TAPS], shape[WEIGHTS], shape[THEORY_TAPS]
@@ -131,7 +131,7 @@ def _regress(shape, theta, ring_index, ring_value, ring_theory, status, extensio
     return prediction
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _normalise_taps(shape, theta):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Divide A by its norm (the paper's A = A*/||A*||); return the norm, 0 where A vanished and was left alone."""
     taps = shape[TAPS]
@@ -146,7 +146,7 @@ def _normalise_taps(shape, theta):  # type: ignore[no-untyped-def] # pragma: no 
     return 0.0
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _gradient_step(theta, x, gain, status):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """theta += gain x, unless a parameter would leave the guarded range: then nothing is learned here."""
     largest = 0.0
@@ -160,7 +160,7 @@ def _gradient_step(theta, x, gain, status):  # type: ignore[no-untyped-def] # pr
     return True
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _learn_lms(shape, theta, law, status, x, error):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """The paper's law: A* = A + mu e F, A = A*/||A*||, W += mu e A(q) Psi, A1 += mu e F1.
 
@@ -178,7 +178,7 @@ def _learn_lms(shape, theta, law, status, x, error):  # type: ignore[no-untyped-
         _normalise_taps(shape, theta)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _move_norm_into_weights(shape, theta):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Normalise A and multiply W by its norm, where it has left [0.8, 1.25]: the output does not change.
 
@@ -197,7 +197,7 @@ def _move_norm_into_weights(shape, theta):  # type: ignore[no-untyped-def] # pra
     return norm
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _learn_nlms(shape, theta, law, status, x, error):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """theta += mu e x / (eps + |x|^2), one normaliser for all blocks, then the norm of A goes into W."""
     energy = law[FLOOR]
@@ -207,7 +207,7 @@ def _learn_nlms(shape, theta, law, status, x, error):  # type: ignore[no-untyped
         _move_norm_into_weights(shape, theta)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _learn_rls(shape, theta, law, moments, status, root, diagonal, x, error, projected, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Recursive prediction error with directional forgetting, in square-root form.
 
@@ -271,7 +271,7 @@ def _learn_rls(shape, theta, law, moments, status, root, diagonal, x, error, pro
             diagonal[i] = total
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     law_number,
     index,

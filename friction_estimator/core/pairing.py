@@ -52,7 +52,7 @@ class Pairs:
         return int(self.stamp_ns.size)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _drop(stamp, last_matched, dropped):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Count a message that will never be joined: a repeat of the last joined stamp, a zero, or unmatched."""
     if stamp == 0:
@@ -63,7 +63,7 @@ def _drop(stamp, last_matched, dropped):  # type: ignore[no-untyped-def] # pragm
         dropped[UNMATCHED] += 1
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _pair(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     stream,
     stamp,
@@ -223,7 +223,7 @@ class Pairer:
         return {REASONS[i]: int(n) for i, n in enumerate(self._dropped) if n}
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _admit(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     stamp, velocity, friction, gap_factor, jump_ns, clock, events, counts, status, restart
 ):

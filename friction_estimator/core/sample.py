@@ -1,6 +1,7 @@
 """Samples as structure of arrays, in SI units: what every room of the house hands to the next."""
 
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +48,7 @@ class Samples:
 
     def __getitem__(self, part: slice) -> "Samples":
         """Return a part; its arrays are views."""
-        cut = {f.name: None if (v := getattr(self, f.name)) is None else v[part] for f in fields(self)}
+        cut: dict[str, Any] = {f.name: None if (v := getattr(self, f.name)) is None else v[part] for f in fields(self)}
         return replace(self, **cut)
 
     @property
