@@ -1,0 +1,241 @@
+"""A theoretical curve from a table of the user's own: multilinear interpolation on a full grid."""
+
+import csv
+import math
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numba import njit, types
+from numpy.typing import NDArray
+
+from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.sample import Floats, Ints
+from friction_estimator.core.theory_seal import (
+    KELVIN,
+    LOWEST_GAUGE_PRESSURE_PA,
+    checked_temperature,
+)
+
+COLUMNS = ("velocity_m_s", "pressure_Pa", "temperature_K", "friction_N")
+_SHOWN_POINTS = 3
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Friction on a full grid.
+
+    Attributes
+    ----------
+    velocity_m_s : (a,) float64, increasing, a >= 2.
+    gauge_pressure_Pa : (b,) float64, increasing, b >= 1.
+    temperature_degC : (c,) float64, increasing, c >= 1.
+    friction_N : (a, b, c) float64.
+    """
+
+    velocity_m_s: Floats
+    gauge_pressure_Pa: Floats
+    temperature_degC: Floats
+    friction_N: NDArray[np.float64]
+
+
+def read_table(path: str | os.PathLike[str]) -> Grid:
+    """Read a CSV of `velocity_m_s,pressure_Pa,temperature_K,friction_N` (gauge pressure) in any order of rows.
+
+    Other columns are passed over. The rows must fill the grid of all combinations of the velocities (at least
+    two), pressures and temperatures that occur, each once.
+
+    Raises
+    ------
+    ConfigError
+        Naming the file and, where there is one, the row (as numbered by an editor, the header being row 1): it
+        cannot be read, a column is missing, an entry is no finite number, a temperature lies outside -40 to
+        150 degC or a gauge pressure below vacuum, a point occurs twice or not at all.
+    """
+    source = Path(path)
+    try:
+        with source.open(encoding="utf-8-sig", newline="") as handle:
+            rows = _read_rows(csv.reader(handle), source)
+    except OSError as error:
+        raise ConfigError(f"theory.table: cannot read {source}: {error.strerror}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ConfigError(f"theory.table: {source} is no CSV text: {error}") from error
+    points = {row[:3]: friction for _, row, friction in rows}
+    if len(points) < len(rows):
+        first: dict[tuple[float, float, float], int] = {}
+        for number, point, _ in rows:
+            if point in first:
+                raise ConfigError(
+                    f"theory.table: {source} row {number} repeats the velocity, pressure and temperature of row "
+                    f"{first[point]}: leave one of them out"
+                )
+            first[point] = number
+    axes = [np.unique([point[i] for point in points]) for i in range(3)]
+    if axes[0].size < 2:
+        raise ConfigError(f"theory.table: {source} has {axes[0].size} velocities: a curve needs at least two")
+    wanted = [(v, p, t) for v in axes[0].tolist() for p in axes[1].tolist() for t in axes[2].tolist()]
+    missing = [point for point in wanted if point not in points]
+    if missing:
+        shown = "; ".join(f"({v:g} m/s, {p:g} Pa, {t:g} K)" for v, p, t in missing[:_SHOWN_POINTS])
+        more = ", ..." if len(missing) > _SHOWN_POINTS else ""
+        raise ConfigError(
+            f"theory.table: {source} lacks {len(missing)} of the {len(wanted)} points of its grid of "
+            f"{axes[0].size} velocities, {axes[1].size} pressures and {axes[2].size} temperatures: {shown}{more}"
+        )
+    friction = np.array([points[point] for point in wanted], np.float64)
+    return Grid(axes[0], axes[1], axes[2] - KELVIN, friction.reshape([axis.size for axis in axes]))
+
+
+_Row = tuple[int, tuple[float, float, float], float]
+
+
+def _read_rows(reader: Iterator[list[str]], source: Path) -> list[_Row]:
+    header = [name.strip() for name in next(reader, [])]
+    lacking = [name for name in COLUMNS if name not in header]
+    if lacking:
+        found = ", ".join(header) or "nothing"
+        raise ConfigError(
+            f"theory.table: {source} row 1 lacks the column {lacking[0]}: the header needs "
+            f"{','.join(COLUMNS)} and has {found}"
+        )
+    places = [header.index(name) for name in COLUMNS]
+    rows: list[_Row] = []
+    for number, cells in enumerate(reader, start=2):
+        if not any(cell.strip() for cell in cells):
+            continue
+        where = f"theory.table: {source} row {number}"
+        values = []
+        for name, place in zip(COLUMNS, places, strict=True):
+            text = cells[place].strip() if place < len(cells) else ""
+            try:
+                value = float(text)
+            except ValueError:
+                value = math.nan
+            if not math.isfinite(value):
+                raise ConfigError(f"{where}: {name} is {text!r}, not a finite number")
+            values.append(value)
+        velocity, pressure, temperature, friction = values
+        checked_temperature(temperature - KELVIN, f"{where}: temperature_K {temperature:g} K")
+        if pressure < LOWEST_GAUGE_PRESSURE_PA:
+            raise ConfigError(f"{where}: pressure_Pa is {pressure:g}, a gauge pressure below vacuum")
+        rows.append((number, (velocity, pressure, temperature), friction))
+    if not rows:
+        raise ConfigError(f"theory.table: {source} has no row below the header")
+    return rows
+
+
+@njit(cache=True)
+def _bracket(axis, x):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return (i, j, t): x = (1 - t) axis[i] + t axis[j], x inside the axis; i = j and t = 0 on an axis of one."""
+    if axis.size == 1:
+        return 0, 0, 0.0
+    i = min(np.searchsorted(axis, x, side="right"), axis.size - 1) - 1
+    return i, i + 1, (x - axis[i]) / (axis[i + 1] - axis[i])
+
+
+@njit(cache=True)
+def _inside(axis, x):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    return min(max(x, axis[0]), axis[-1])
+
+
+_READ = types.Array(types.float64, 1, "C", readonly=True)
+_TABLE_LOOP_SIGNATURE = types.void(
+    *(_READ,) * 6,
+    types.Array(types.float64, 3, "C", readonly=True),
+    _READ,
+    types.int64[::1],
+    types.float64[::1],
+)
+
+
+@njit(_TABLE_LOOP_SIGNATURE, cache=True)
+def _table_loop(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    velocity, pressure, temperature, v_axis, p_axis, t_axis, table, default, counts, friction
+):
+    """Fill `friction`; see TableCurve. Additions and products only: the order of samples cannot matter."""
+    mirrored = v_axis[0] >= 0.0
+    for k in range(velocity.size):
+        v, p, t = velocity[k], pressure[k], temperature[k]
+        if math.isnan(p) or math.isnan(t):
+            counts[0] += 1
+            p = default[0] if math.isnan(p) else p
+            t = default[1] if math.isnan(t) else t
+        sign = 1.0
+        if mirrored and v <= 0.0:
+            sign = -1.0 if v < 0.0 else 0.0
+            v = -v
+        outside = math.isnan(v)
+        if outside:
+            v, sign = v_axis[0], 0.0
+        held_v, held_p, held_t = _inside(v_axis, v), _inside(p_axis, p), _inside(t_axis, t)
+        # An axis of one value says that the table does not depend on it: nothing is outside.
+        if outside or held_v != v or (held_p != p and p_axis.size > 1) or (held_t != t and t_axis.size > 1):
+            counts[1] += 1
+        i0, i1, a = _bracket(v_axis, held_v)
+        j0, j1, b = _bracket(p_axis, held_p)
+        k0, k1, c = _bracket(t_axis, held_t)
+        low = (1.0 - b) * ((1.0 - c) * table[i0, j0, k0] + c * table[i0, j0, k1])
+        low += b * ((1.0 - c) * table[i0, j1, k0] + c * table[i0, j1, k1])
+        high = (1.0 - b) * ((1.0 - c) * table[i1, j0, k0] + c * table[i1, j0, k1])
+        high += b * ((1.0 - c) * table[i1, j1, k0] + c * table[i1, j1, k1])
+        friction[k] = sign * ((1.0 - a) * low + a * high)
+
+
+class TableCurve:
+    """Multilinear interpolation of a user's table; outside the grid the value at its edge holds.
+
+    A table whose velocities are all zero or positive is one half of an odd curve: d(-v) = -d(v) and d(0) = 0.
+
+    Parameters
+    ----------
+    grid : the table, see `read_table`.
+    default_pressure_Pa : gauge pressure of samples without one, Pa.
+    default_temperature_degC : temperature of samples without one, degC.
+
+    >>> line = Grid(np.array([-1.0, 1.0]), np.zeros(1), np.array([20.0]), np.array([[[-3.0]], [[3.0]]]))
+    >>> curve = TableCurve(line, 0.0, 20.0)
+    >>> curve.evaluate(np.array([0.5, 2.0]), np.zeros(2), np.full(2, 20.0))
+    array([1.5, 3. ])
+    >>> curve.held
+    1
+    """
+
+    def __init__(self, grid: Grid, default_pressure_Pa: float, default_temperature_degC: float) -> None:
+        self.grid = grid
+        self._default = np.array([default_pressure_Pa, checked_temperature(default_temperature_degC)], np.float64)
+        self._counts: Ints = np.zeros(2, np.int64)
+
+    @property
+    def defaulted(self) -> int:
+        """Samples so far whose pressure or temperature was NaN and was replaced by the default."""
+        return int(self._counts[0])
+
+    @property
+    def held(self) -> int:
+        """Samples so far outside the grid, held at its edge."""
+        return int(self._counts[1])
+
+    def evaluate(self, velocity_m_s: Floats, gauge_pressure_Pa: Floats, temperature_degC: Floats) -> Floats:
+        """Return the interpolated friction, (n,) N; see TheoryCurve.evaluate."""
+        if not velocity_m_s.shape == gauge_pressure_Pa.shape == temperature_degC.shape:
+            raise ValueError(
+                f"velocity, pressure and temperature differ in shape: {velocity_m_s.shape}, "
+                f"{gauge_pressure_Pa.shape}, {temperature_degC.shape}"
+            )
+        grid = self.grid
+        friction = np.empty(velocity_m_s.shape, np.float64)
+        _table_loop(
+            np.ascontiguousarray(velocity_m_s),
+            np.ascontiguousarray(gauge_pressure_Pa),
+            np.ascontiguousarray(temperature_degC),
+            grid.velocity_m_s,
+            grid.gauge_pressure_Pa,
+            grid.temperature_degC,
+            grid.friction_N,
+            self._default,
+            self._counts,
+            friction,
+        )
+        return friction
