@@ -1,0 +1,8 @@
+"""`python -m friction_estimator`."""
+
+import sys
+
+from friction_estimator.cli.main import main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,224 @@
+"""What the verbs share: options, messages, JSON, the progress bar, and how a failure ends the program."""
+
+import argparse
+import json
+import math
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, is_dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+from friction_estimator.core.config import Config
+from friction_estimator.core.errors import FrictionEstimatorError, InputError
+from friction_estimator.files import read_config, write_text
+
+PROGRAM = "friction_estimator"
+
+EXIT_CODES = """exit codes: 0 done; 1 ran, but the data cannot answer (a readable recording without the topics
+or without a usable sample, an undecidable diagnosis); 2 usage or unreadable input; 130 interrupted"""
+
+INPUTS = ("velocity", "friction", "pressure", "temperature", "position", "joint_states")
+"""What `--topic` can name."""
+
+_RECORDING_SUFFIXES = {".mcap", ".db3", ".bag", ".zstd", ".csv", ".yaml"}
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser that reports a usage error in one line and keeps examples as they are written."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        kwargs.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
+        kwargs.setdefault("allow_abbrev", False)
+        super().__init__(*args, **kwargs)
+
+    def error(self, message: str) -> NoReturn:
+        """Print one line on stderr and exit with code 2."""
+        self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
+
+
+Subparsers = argparse._SubParsersAction  # the only name that argparse gives to this type
+
+
+def add_verb(subparsers: "Subparsers[Parser]", name: str, summary: str, *, description: str, example: str) -> Parser:
+    """Add the parser of one verb; its help ends with an example and the exit codes."""
+    return subparsers.add_parser(
+        name, help=summary, description=description, epilog=f"example:\n  {example}\n\n{EXIT_CODES}"
+    )
+
+
+def add_bag_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of every verb that reads a recording: `--topic`, `--joint`, `--config`."""
+    group = parser.add_argument_group("recording")
+    group.add_argument(
+        "--topic",
+        action="append",
+        default=[],
+        metavar="INPUT=TOPIC",
+        help=f"which topic is which input ({', '.join(INPUTS)}); may be repeated",
+    )
+    group.add_argument("--joint", metavar="NAME", help="joint in JointState messages (default: the only one)")
+    group.add_argument("--config", metavar="YAML", help="ROS parameter file with the settings")
+
+
+def topics_from(args: argparse.Namespace) -> dict[str, str]:
+    """Return `--topic` as a mapping from input to topic; InputError where one is malformed or unknown."""
+    topics: dict[str, str] = {}
+    for item in args.topic:
+        name, equals, topic = item.partition("=")
+        if not equals or not topic:
+            raise InputError(f"--topic {item}: write INPUT=TOPIC, for instance --topic velocity=/rig/velocity")
+        if name not in INPUTS:
+            raise InputError(f"--topic {item}: unknown input {name!r}: choose one of {', '.join(INPUTS)}")
+        if name in topics:
+            raise InputError(f"--topic {item}: {name} is given twice")
+        topics[name] = topic
+    return topics
+
+
+def config_from(args: argparse.Namespace, overrides: Mapping[str, object] | None = None) -> Config:
+    """Return the configuration: `--config`, then `--joint` and `overrides` (dotted names; None is no override)."""
+    config = read_config(args.config) if args.config else Config()
+    values = dict(overrides or {})
+    if args.joint is not None:
+        values["input.joint"] = args.joint
+    return config.updated({name: value for name, value in values.items() if value is not None})
+
+
+def add_json_option(parser: argparse.ArgumentParser) -> None:
+    """Add `--json FILE`; `-`, or no FILE, prints the JSON alone on stdout."""
+    parser.add_argument(
+        "--json",
+        nargs="?",
+        const="-",
+        metavar="FILE",
+        type=_json_target,
+        help="write the result as JSON; - (or no FILE) prints only JSON on stdout, messages go to stderr",
+    )
+
+
+def _json_target(text: str) -> str:
+    if text != "-" and (Path(text).suffix in _RECORDING_SUFFIXES or Path(text).is_dir()):
+        raise argparse.ArgumentTypeError(f"{text} is no JSON file; write `--json -` to print")
+    return text
+
+
+class Output:
+    """Where a verb's words and result go.
+
+    Parameters
+    ----------
+    json_target : value of `--json`: None, "-" or a file name.
+    """
+
+    def __init__(self, json_target: str | None = None) -> None:
+        self._json_target = json_target
+
+    def say(self, text: str = "") -> None:
+        """Print a line for the reader: on stdout, or on stderr where stdout carries JSON."""
+        print(text, file=sys.stderr if self._json_target == "-" else sys.stdout)
+
+    def result(self, value: object) -> None:
+        """Print or write the JSON result, where `--json` asks for one."""
+        if self._json_target == "-":
+            print(to_json(value))
+        elif self._json_target is not None:
+            write_text(self._json_target, to_json(value) + "\n")
+
+
+def warn(text: str) -> None:
+    """Print a warning on stderr."""
+    print(f"{PROGRAM}: warning: {text}", file=sys.stderr)
+
+
+def to_json(value: object) -> str:
+    """Return strict JSON: what is not finite becomes null, arrays become lists, dataclasses objects.
+
+    >>> to_json({"nrmse": float("nan"), "taps": (1, 2.5)}).replace(chr(10), "")
+    '{  "nrmse": null,  "taps": [    1,    2.5  ]}'
+    """
+    return json.dumps(_plain(value), indent=2, ensure_ascii=False, allow_nan=False)
+
+
+def _plain(value: object) -> object:
+    if is_dataclass(value) and not isinstance(value, type):
+        value = asdict(value)
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):  # numpy scalars and arrays, without importing numpy
+        value = value.tolist()
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, str | int | None):
+        return value
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if isinstance(value, Sequence | set | frozenset):
+        return [_plain(item) for item in value]
+    raise TypeError(f"{type(value).__name__} has no JSON form")
+
+
+@contextmanager
+def progress(label: str, total: int, unit: str = "samples") -> Iterator[Callable[[int], None]]:
+    """Yield a function that takes the amount of work just done; shows a bar on a terminal and nothing in a pipe."""
+    if not sys.stderr.isatty():
+        yield lambda _: None
+        return
+    from tqdm import tqdm  # noqa: PLC0415 - not needed in a pipe
+
+    with tqdm(total=total, desc=label, unit=f" {unit}", unit_scale=True, leave=False, file=sys.stderr) as bar:
+
+        def advance(done: int) -> None:
+            bar.update(done)
+
+        yield advance
+
+
+def guarded(name: str, body: Callable[[], int]) -> int:
+    """Run a verb; turn its failure into one line on stderr and an exit code.
+
+    Expected failures (FrictionEstimatorError, and the operating system's about a file) print one line. An
+    interrupt returns 130, SIGTERM 143 after the temporary files are gone, a reader that went away 141.
+    """
+    try:
+        with _orderly_termination():
+            code = body()
+            sys.stdout.flush()
+            return code
+    except FrictionEstimatorError as error:
+        print(f"{name}: {' '.join(str(error).split())}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print(f"{name}: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        # The interpreter flushes stdout once more at exit: give it somewhere to go.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
+    except OSError as error:
+        if error.strerror is None:
+            raise
+        where = f" {error.filename}" if error.filename else ""
+        print(f"{name}: cannot use{where or ' a file'}: {error.strerror}", file=sys.stderr)
+        return 2
+
+
+@contextmanager
+def _orderly_termination() -> Iterator[None]:
+    """Let SIGTERM unwind the stack, so that nothing temporary stays behind."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def leave(number: int, _frame: object) -> None:
+        raise SystemExit(128 + number)
+
+    before = signal.signal(signal.SIGTERM, leave)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -1,0 +1,52 @@
+"""`friction_estimator <verb>`: finds the verb's module and runs it.
+
+Only the chosen verb's module is imported, so that `--help` answers at once.
+"""
+
+import difflib
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+from friction_estimator import __version__
+from friction_estimator.cli.common import EXIT_CODES, PROGRAM, Parser, guarded
+
+VERBS: dict[str, tuple[str, str]] = {
+    # verb: (module in friction_estimator.cli, what it does)
+}
+"""Every verb. Its module has `add_parser(subparsers)`, which adds the parser named like the verb, and `run(args)`,
+which returns the exit code."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; return its exit code.
+
+    Raises SystemExit for `--help`, `--version` (0) and usage errors (2), as argparse does.
+    """
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    parser = Parser(
+        prog=PROGRAM,
+        description="Online identification of seal and actuator friction beside the drive.",
+        epilog=f"{PROGRAM} VERB --help shows a verb's options and an example.\n\n{EXIT_CODES}",
+    )
+    parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
+    subparsers = parser.add_subparsers(dest="verb", metavar="VERB", parser_class=Parser)
+    chosen = next((word for word in arguments if not word.startswith("-")), None)
+    if chosen is not None and chosen not in VERBS:
+        near = difflib.get_close_matches(chosen, VERBS, n=1)
+        hint = f"did you mean {near[0]}?" if near else f"choose one of {', '.join(VERBS)}"
+        parser.error(f"unknown verb {chosen!r}: {hint}")
+    for verb, (module, summary) in VERBS.items():
+        if verb == chosen:
+            import_module(f"friction_estimator.cli.{module}").add_parser(subparsers)
+        else:
+            subparsers.add_parser(verb, help=summary)
+    args = parser.parse_args(arguments)
+    if args.verb is None:
+        parser.error(f"no verb given: choose one of {', '.join(VERBS)}")
+    run = import_module(f"friction_estimator.cli.{VERBS[args.verb][0]}").run
+    return guarded(f"{PROGRAM} {args.verb}", lambda: int(run(args)))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
