@@ -6,21 +6,22 @@ import numpy as np
 from numba import njit, types
 
 from friction_estimator.core.config import SealConfig
-from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.oil import (
+    HIGHEST_TEMPERATURE_DEGC,
+    LOWEST_TEMPERATURE_DEGC,
+    checked_temperature,
+    walther,
+    walther_coefficients,
+)
 from friction_estimator.core.sample import Floats
 
-LOWEST_TEMPERATURE_DEGC = -40.0
-HIGHEST_TEMPERATURE_DEGC = 150.0
 LOWEST_GAUGE_PRESSURE_PA = -1.1e5  # below vacuum at sea level nothing is sealed
 HIGHEST_GAUGE_PRESSURE_PA = 1e9
 HIGHEST_SPEED_M_S = 1e4
 
-# ASTM D341 holds from 0.21 to 2e7 cSt; Barus' exponential is an extrapolation long before exp(40).
-_LOWEST_VISCOSITY_CST = 0.21
-_HIGHEST_VISCOSITY_CST = 2e7
+# Barus' exponential is an extrapolation long before exp(40).
 _HIGHEST_BARUS_EXPONENT = 40.0
 _GREENWOOD_TRIPP_DECAY = 1.973
-KELVIN = 273.15
 _M2_S_PER_CST = 1e-6
 
 # Places in the packed parameter array of the seal kernels (one array argument costs 75 ns, twenty floats more).
@@ -32,68 +33,9 @@ _M2_S_PER_CST = 1e-6
 
 # One compiled form for every caller: read-only arrays (bags are read without copying) take the same code.
 _READ = types.Array(types.float64, 1, "C", readonly=True)
-_SEAL_LOOP_SIGNATURE = types.void(
-    _READ, _READ, types.boolean, _READ, _READ, types.float64[::1], types.int64[::1], types.float64[::1]
-)
-
-
-def walther_coefficients(viscosity_40_cSt: float, viscosity_100_cSt: float) -> tuple[float, float]:
-    """Return (A, B) of log10 log10 Z = A - B log10(T/K), Z = nu + 0.7 + exp(-1.47 - 1.84 nu - 0.51 nu^2).
-
-    Source: ASTM D341 (Walther's equation), nu in cSt, through the viscosities at 40 and 100 degC.
-
-    Raises ConfigError where the oil does not thin with temperature.
-    """
-    if not viscosity_100_cSt < viscosity_40_cSt:
-        raise ConfigError(
-            f"seal.viscosity_100 is {viscosity_100_cSt:g} cSt, not below seal.viscosity_40 "
-            f"{viscosity_40_cSt:g} cSt: an oil thins as it warms"
-        )
-    at_40, at_100 = (
-        math.log10(math.log10(nu + 0.7 + math.exp(-1.47 - 1.84 * nu - 0.51 * nu * nu)))
-        for nu in (viscosity_40_cSt, viscosity_100_cSt)
-    )
-    slope = (at_40 - at_100) / math.log10((100.0 + KELVIN) / (40.0 + KELVIN))
-    return at_40 + slope * math.log10(40.0 + KELVIN), slope
-
-
-@njit(cache=True)
-def _walther(temperature_degC, a, b):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Kinematic viscosity in cSt (ASTM D341, inverse of Z), held inside the standard's range."""
-    level = min(a - b * math.log10(temperature_degC + KELVIN), 1.0)  # 10**10**1 is far above the range
-    z = 10.0 ** (10.0**level) - 0.7
-    nu = z - math.exp(-0.7487 - 3.295 * z + 0.6119 * z * z - 0.3193 * z * z * z)
-    return min(max(nu, _LOWEST_VISCOSITY_CST), _HIGHEST_VISCOSITY_CST)
-
-
-def kinematic_viscosity(temperature_degC: Floats, viscosity_40_cSt: float, viscosity_100_cSt: float) -> Floats:
-    """Return the kinematic viscosity nu(T) of an oil, cSt (ASTM D341).
-
-    Parameters
-    ----------
-    temperature_degC : (n,) float64, -40 to 150 degC.
-    viscosity_40_cSt, viscosity_100_cSt : viscosity at 40 and 100 degC.
-
-    Raises
-    ------
-    ConfigError
-        For a temperature outside -40 to 150 degC or an oil that does not thin as it warms.
-
-    >>> kinematic_viscosity(np.array([40.0, 100.0]), 35.0, 7.3).round(6)
-    array([35. ,  7.3])
-    """
-    a, b = walther_coefficients(viscosity_40_cSt, viscosity_100_cSt)
-    return np.array([_walther(checked_temperature(t), a, b) for t in temperature_degC.tolist()], np.float64)
-
-
-def checked_temperature(temperature_degC: float, name: str = "temperature") -> float:
-    """Return the temperature, or raise ConfigError where it is no number from -40 to 150 degC."""
-    if not LOWEST_TEMPERATURE_DEGC <= temperature_degC <= HIGHEST_TEMPERATURE_DEGC:
-        raise ConfigError(
-            f"{name} is {temperature_degC:g} degC, outside {LOWEST_TEMPERATURE_DEGC:g} to "
-            f"{HIGHEST_TEMPERATURE_DEGC:g} degC: the viscosity law does not hold there"
-        )
-    return float(temperature_degC)
+_WRITE = types.float64[::1]
+_SEAL_LOOP_SIGNATURE = types.void(_READ, _READ, _READ, _READ, types.int64[::1], _WRITE)
+_FILM_LOOP_SIGNATURE = types.void(_READ, _READ, _READ, _READ, _READ, _READ, _READ, _WRITE)
 
 
 @njit(cache=True)
@@ -103,20 +45,40 @@ def _entrainment(velocity, par):  # type: ignore[no-untyped-def] # pragma: no co
     return velocity * s / (1.0 + par[_ASYMMETRY] * s)
 
 
-@njit(_SEAL_LOOP_SIGNATURE, cache=True)
-def _seal_loop(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    velocity, entrainment, steady, pressure, temperature, par, counts, friction
-):
-    """Fill `friction`; see SealCurve. `entrainment` is read only where not `steady`.
+@njit(cache=True)
+def _contact(pressure, par):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """(p_c, b/b0, w, density times Barus factor): what depends on the pressure alone."""
+    contact = par[_PRELOAD] + pressure
+    width = 1.0 + pressure / par[_WIDTH_PRESSURE]
+    gradient = par[_GRADIENT] * contact / (par[_WIDTH] * width)
+    return contact, width, gradient, par[_DENSITY] * math.exp(min(par[_BARUS] * contact, _HIGHEST_BARUS_EXPONENT))
 
-    What depends on p and T alone is kept from sample to sample. That is a third of the cost, and as a
+
+@njit(cache=True)
+def _friction(velocity, entrainment, contact, width, gradient, eta, boundary, par):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """d of one sample; see SealCurve."""
+    s = math.tanh(velocity / par[_SIGN_VELOCITY])
+    h0 = par[_REST_GAP]
+    grown = 8.0 * eta * entrainment / (9.0 * gradient)  # h^2 - h0^2
+    h = math.sqrt(h0 * h0 + grown)
+    # h - h0 without cancellation, and 1 - chi as expm1: exact near standstill.
+    decay = -_GREENWOOD_TRIPP_DECAY * (grown / (h + h0)) / par[_ROUGHNESS]
+    dry = math.exp(decay) * boundary * contact * s
+    wet = -math.expm1(decay) * par[_VISCOUS] * eta * velocity / h
+    return par[_WIDTH_AREA] * width * (dry + wet)
+
+
+@njit(_SEAL_LOOP_SIGNATURE, cache=True)
+def _seal_loop(velocity, pressure, temperature, par, counts, friction):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Fill `friction`, (n,), with the steady state.
+
+    What depends on p and T alone is kept from sample to sample. That is two thirds of the cost, and as a
     loop-carried dependence it forbids the compiler vectorised tanh and exp, whose last bit may differ from
     the scalar ones: the reason why one sample and many samples agree to the bit.
     """
     last_p = math.nan
     last_t = math.nan
-    nu = 0.0
-    contact = width = film_factor = eta = 0.0
+    nu = contact = width = gradient = thickening = 0.0
     for k in range(velocity.size):
         v, p, t = velocity[k], pressure[k], temperature[k]
         outside = False
@@ -135,27 +97,28 @@ def _seal_loop(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
             outside = True
         if outside:
             counts[1] += 1
+        if t != last_t:
+            nu = _M2_S_PER_CST * walther(t, par[_WALTHER_A], par[_WALTHER_B])
+            last_t = t
+        if p != last_p:
+            contact, width, gradient, thickening = _contact(p, par)
+            last_p = p
+        friction[k] = _friction(v, _entrainment(v, par), contact, width, gradient, nu * thickening, par[_BOUNDARY], par)
 
-        if p != last_p or t != last_t:
-            if t != last_t:
-                nu = _M2_S_PER_CST * _walther(t, par[_WALTHER_A], par[_WALTHER_B])
-            last_p, last_t = p, t
-            contact = par[_PRELOAD] + p
-            width = 1.0 + p / par[_WIDTH_PRESSURE]
-            gradient = par[_GRADIENT] * contact / (par[_WIDTH] * width)
-            eta = par[_DENSITY] * nu * math.exp(min(par[_BARUS] * contact, _HIGHEST_BARUS_EXPONENT))
-            film_factor = 8.0 * eta / (9.0 * gradient)
 
-        s = math.tanh(v / par[_SIGN_VELOCITY])
-        e = _entrainment(v, par) if steady else max(entrainment[k], 0.0)
-        h0 = par[_REST_GAP]
-        grown = film_factor * e  # h^2 - h0^2
-        h = math.sqrt(h0 * h0 + grown)
-        # h - h0 without cancellation, and 1 - chi as expm1: exact near standstill.
-        decay = -_GREENWOOD_TRIPP_DECAY * (grown / (h + h0)) / par[_ROUGHNESS]
-        dry = math.exp(decay) * par[_BOUNDARY] * contact * s
-        wet = -math.expm1(decay) * par[_VISCOUS] * eta * v / h
-        friction[k] = par[_WIDTH_AREA] * width * (dry + wet)
+@njit(_FILM_LOOP_SIGNATURE, cache=True)
+def _film_loop(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    velocity, entrainment, pressure, temperature, viscosity_factor, boundary_factor, par, friction
+):
+    """Fill `friction`, (n,), on a given film with a changed oil and surface."""
+    for k in range(velocity.size):
+        p = min(max(pressure[k], par[_LOW_PRESSURE]), HIGHEST_GAUGE_PRESSURE_PA)
+        t = min(max(temperature[k], LOWEST_TEMPERATURE_DEGC), HIGHEST_TEMPERATURE_DEGC)
+        contact, width, gradient, thickening = _contact(p, par)
+        nu = _M2_S_PER_CST * walther(t, par[_WALTHER_A], par[_WALTHER_B]) * viscosity_factor[k]
+        boundary = par[_BOUNDARY] * boundary_factor[k]
+        e = max(entrainment[k], 0.0)
+        friction[k] = _friction(velocity[k], e, contact, width, gradient, nu * thickening, boundary, par)
 
 
 class SealCurve:
@@ -235,12 +198,15 @@ class SealCurve:
 
     def evaluate(self, velocity_m_s: Floats, gauge_pressure_Pa: Floats, temperature_degC: Floats) -> Floats:
         """Return the steady-state friction, (n,) N; see TheoryCurve.evaluate."""
-        return self._run(velocity_m_s, velocity_m_s, True, gauge_pressure_Pa, temperature_degC)
+        velocity, pressure, temperature = _same_length(velocity_m_s, gauge_pressure_Pa, temperature_degC)
+        friction = np.empty(velocity.shape, np.float64)
+        _seal_loop(velocity, pressure, temperature, self._par, self._counts, friction)
+        return friction
 
     def entrainment(self, velocity_m_s: Floats) -> Floats:
         """Return e = v S / (1 + asym S), (n,) m/s: the speed that feeds the film in the steady state."""
         s = np.tanh(velocity_m_s / self.seal.sign_velocity)
-        return velocity_m_s * s / (1.0 + self.seal.asymmetry * s)
+        return np.asarray(velocity_m_s * s / (1.0 + self.seal.asymmetry * s))
 
     def on_film(
         self,
@@ -248,21 +214,37 @@ class SealCurve:
         entrainment_m_s: Floats,
         gauge_pressure_Pa: Floats,
         temperature_degC: Floats,
+        viscosity_factor: Floats,
+        boundary_factor: Floats,
     ) -> Floats:
         """Return the friction on a film that another speed than the present one has built.
 
-        The shear is the present velocity's, the film thickness that of `entrainment_m_s` (n,), m/s, negative
-        values counting as zero. With ``entrainment(v)`` it equals ``evaluate(v)`` to rounding.
-        """
-        return self._run(velocity_m_s, entrainment_m_s, False, gauge_pressure_Pa, temperature_degC)
+        The shear is the present velocity's, the film thickness that of the entrainment. With ``entrainment(v)``
+        and factors of one it is ``evaluate(v)`` to rounding.
 
-    def _run(self, velocity: Floats, film: Floats, steady: bool, pressure: Floats, temperature: Floats) -> Floats:
-        if not velocity.shape == film.shape == pressure.shape == temperature.shape:
-            raise ValueError(
-                f"velocity, pressure and temperature differ in shape: {velocity.shape}, {pressure.shape}, "
-                f"{temperature.shape}"
-            )
+        Parameters
+        ----------
+        velocity_m_s : (n,).
+        entrainment_m_s : (n,), the speed e that built the film; negative values count as zero.
+        gauge_pressure_Pa, temperature_degC : (n,), held inside the range of the curve without being counted.
+        viscosity_factor, boundary_factor : (n,), multiply eta and mu_b.
+
+        Returns
+        -------
+        (n,) float64, N.
+        """
+        velocity, film, pressure, temperature, viscosity, boundary = _same_length(
+            velocity_m_s, entrainment_m_s, gauge_pressure_Pa, temperature_degC, viscosity_factor, boundary_factor
+        )
         friction = np.empty(velocity.shape, np.float64)
-        velocity, film, pressure, temperature = map(np.ascontiguousarray, (velocity, film, pressure, temperature))
-        _seal_loop(velocity, film, steady, pressure, temperature, self._par, self._counts, friction)
+        _film_loop(velocity, film, pressure, temperature, viscosity, boundary, self._par, friction)
         return friction
+
+
+def _same_length(*arrays: Floats) -> tuple[Floats, ...]:
+    """Return contiguous arrays (mostly themselves); ValueError where they differ in shape."""
+    shape = arrays[0].shape
+    for array in arrays:
+        if array.shape != shape:
+            raise ValueError(f"the inputs differ in shape: {', '.join(str(a.shape) for a in arrays)}")
+    return tuple(map(np.ascontiguousarray, arrays))

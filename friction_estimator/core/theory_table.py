@@ -12,12 +12,9 @@ from numba import njit, types
 from numpy.typing import NDArray
 
 from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.oil import KELVIN, checked_temperature
 from friction_estimator.core.sample import Floats, Ints
-from friction_estimator.core.theory_seal import (
-    KELVIN,
-    LOWEST_GAUGE_PRESSURE_PA,
-    checked_temperature,
-)
+from friction_estimator.core.theory_seal import LOWEST_GAUGE_PRESSURE_PA
 
 COLUMNS = ("velocity_m_s", "pressure_Pa", "temperature_K", "friction_N")
 _SHOWN_POINTS = 3
@@ -220,10 +217,8 @@ class TableCurve:
     def evaluate(self, velocity_m_s: Floats, gauge_pressure_Pa: Floats, temperature_degC: Floats) -> Floats:
         """Return the interpolated friction, (n,) N; see TheoryCurve.evaluate."""
         if not velocity_m_s.shape == gauge_pressure_Pa.shape == temperature_degC.shape:
-            raise ValueError(
-                f"velocity, pressure and temperature differ in shape: {velocity_m_s.shape}, "
-                f"{gauge_pressure_Pa.shape}, {temperature_degC.shape}"
-            )
+            shapes = velocity_m_s.shape, gauge_pressure_Pa.shape, temperature_degC.shape
+            raise ValueError(f"the inputs differ in shape: {shapes}")
         grid = self.grid
         friction = np.empty(velocity_m_s.shape, np.float64)
         _table_loop(
