@@ -79,7 +79,7 @@ def read_parameters(path: str | os.PathLike[str], node: str = "friction_estimato
         section = tree.get(name) if isinstance(tree, dict) else None
         if isinstance(section, dict) and isinstance(section.get("ros__parameters"), dict):
             sections += 1
-            values |= _flatten(section["ros__parameters"])
+            values |= flatten(section["ros__parameters"])
     if not sections:
         raise ConfigError(f"{source} is no ROS parameter file: it needs '/**:' with 'ros__parameters:' below it")
     for name in _PATH_PARAMETERS:
@@ -88,11 +88,12 @@ def read_parameters(path: str | os.PathLike[str], node: str = "friction_estimato
     return values
 
 
-def _flatten(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def flatten(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return the values of nested sections under their dotted names."""
     flat: dict[str, Any] = {}
     for name, value in tree.items():
         if isinstance(value, dict):
-            flat |= _flatten(value, f"{prefix}{name}.")
+            flat |= flatten(value, f"{prefix}{name}.")
         else:
             flat[f"{prefix}{name}"] = value
     return flat

@@ -1,0 +1,180 @@
+"""The node's account of itself, once a second on /diagnostics."""
+
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+
+from friction_estimator.core.config import Config
+from friction_estimator.core.sample import NS_PER_S
+from friction_estimator.ros.silence import Finding, Findings, explain, stamp_offset_s
+from friction_estimator.ros.sources import Source
+from friction_estimator.ros.stream import SampleStream
+
+GRACE_S = 2.0
+"""Discovery takes a moment: nothing is called silent before."""
+
+
+class Health:
+    """Collects counters, explains silence, writes diagnostics.
+
+    Parameters
+    ----------
+    node : owner of the publisher and the log.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._findings = Findings(node)
+        self._last = time.monotonic()
+        self._since = self._last
+        self._counts: dict[str, int] = {}
+        self.exceptions = 0
+        self.last_exception = ""
+        self.notes: dict[str, str] = {}
+        """Lasting facts worth a warning level, such as start-up values that were refused."""
+
+    def exception(self, where: str, error: BaseException) -> None:
+        """Count and report an exception that a callback met."""
+        self.exceptions += 1
+        self.last_exception = f"{where}: {type(error).__name__}: {error}"
+        self._node.get_logger().error(self.last_exception, throttle_duration_sec=5.0)
+
+    def inputs_changed(self) -> None:
+        """Start a new grace period (other topics, estimator enabled again)."""
+        self._since = time.monotonic()
+        self._counts = {}
+
+    def tick(
+        self, config: Config, sources: Mapping[str, Source], stream: SampleStream, enabled: bool, extra: dict[str, Any]
+    ) -> None:
+        """Publish diagnostics and log what is newly wrong."""
+        now = time.monotonic()
+        span = max(now - self._last, 1e-3)
+        self._last = now
+        stream.flush()
+        counts = stream.counts
+        used, gaps, jumps = (counts.pop(key, 0) for key in ("used", "gaps", "jumps"))
+        for source in sources.values():
+            for reason, count in source.rejected.items():
+                counts[reason] = counts.get(reason, 0) + count
+        arrived = {name: self._grown(f"messages of {name}", s.messages) for name, s in sources.items()}
+        rejects = {reason: self._grown(f"rejected {reason}", count) for reason, count in counts.items()}
+        samples = self._grown("used", used)
+        findings: list[Finding] = []
+        if enabled and now - self._since > GRACE_S:
+            findings = list(explain(self._node, config, sources, arrived, rejects, samples))
+            findings += self._clock_findings()
+        for source in sources.values():
+            source.looked_at()
+        self._findings.update(findings)
+
+        rates = {name: count / span for name, count in arrived.items()}
+        inputs = self._input_values(sources, rates)
+        inputs |= {f"rejected: {reason}": count for reason, count in sorted(counts.items())}
+        inputs |= {"gaps": gaps, "clock jumps back": jumps}
+        inputs |= {"waiting velocity, friction": f"{stream.intake.pairer.waiting}"}
+        if "velocity" in sources and "friction" in sources:
+            offset = stamp_offset_s(sources["velocity"], sources["friction"])
+            inputs["stamp offset of friction from velocity (s)"] = f"{offset:.9f}"
+        if config.input.mode == "float64":
+            self.notes["float64"] = "messages without stamps: paired by time of receipt"
+            inputs["stamps"] = "missing: paired by time of receipt, no bit equality with replay"
+        if config.input.mode == "joint_state":
+            inputs["friction"] = "joint effort as a whole: inertia and gravity included"
+        for index, finding in enumerate(findings):
+            inputs[f"finding {index + 1}"] = finding.text
+        new_rejects = {reason: count for reason, count in rejects.items() if count}
+        if findings:
+            level, words = DiagnosticStatus.WARN, findings[0].text
+        elif not enabled:
+            level, words = DiagnosticStatus.OK, "disabled by ~/enable"
+        elif new_rejects:
+            told = ", ".join(f"{count} {reason}" for reason, count in new_rejects.items())
+            level, words = DiagnosticStatus.WARN, f"rejected in the last second: {told}"
+        else:
+            level, words = DiagnosticStatus.OK, f"{samples / span:.0f} samples/s"
+        message = DiagnosticArray()
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        message.status = [
+            self._status("inputs", level, words, inputs),
+            self._estimator_status(stream, samples / span, extra),
+        ]
+        self._publisher.publish(message)
+
+    def _estimator_status(self, stream: SampleStream, rate: float, extra: dict[str, Any]) -> DiagnosticStatus:
+        level, words = DiagnosticStatus.OK, "learning" if stream.learn else "predicting, not learning"
+        values: dict[str, Any] = {"samples per second": f"{rate:.1f}", "predictions": stream.predictions}
+        values["samples lost"] = stream.lost
+        values["exceptions"] = self.exceptions
+        if self.last_exception:
+            values["last exception"] = self.last_exception
+        if stream.estimator is not None:
+            health = stream.estimator.health
+            running = stream.estimator.config
+            values |= {
+                "model": running.model.type,
+                "law": running.model.law,
+                "running error rms (N)": f"{health.error_rms_N:.6g}",
+                "learned from": health.learned,
+                "divergence guard": health.guarded,
+                "outliers clipped": health.clipped,
+                "outside velocity range": health.outside,
+                "velocity range (m/s)": str(list(running.basis.velocity_range)),
+                "force unit (N)": f"{running.force_unit:g}",
+            }
+            if stream.predictions:
+                values["velocity seen (m/s)"] = str([float(f"{v:.6g}") for v in stream.velocity_seen])
+            if self._grown("outside", health.outside):
+                level = DiagnosticStatus.WARN
+                words = f"velocity outside {list(running.basis.velocity_range)} m/s: nothing is learned there"
+            if self._grown("guarded", health.guarded):
+                level, words = DiagnosticStatus.WARN, "the divergence guard held a step back"
+        values |= extra
+        for key, note in self.notes.items():
+            values[key] = note
+            if level == DiagnosticStatus.OK:
+                level, words = DiagnosticStatus.WARN, f"{key}: {note}"
+        if self._grown("exceptions", self.exceptions):
+            level, words = DiagnosticStatus.ERROR, self.last_exception
+        if stream.estimator is None:
+            level, words = DiagnosticStatus.ERROR, self.notes.get("configuration", "no estimator")
+        return self._status("estimator", level, words, values)
+
+    def _grown(self, key: str, count: int) -> int:
+        """Return by how much a counter grew since the last look (0 at the first one)."""
+        growth = count - self._counts.get(key, 0)
+        self._counts[key] = count
+        return max(0, growth)
+
+    def _input_values(self, sources: Mapping[str, Source], rates: Mapping[str, float]) -> dict[str, Any]:
+        values: dict[str, Any] = {}
+        now_ns = self._node.get_clock().now().nanoseconds
+        for name, source in sources.items():
+            if not (source.required or source.messages):
+                continue
+            values[f"{name}: topic"] = source.topic
+            values[f"{name}: messages"] = source.messages
+            values[f"{name}: rate (Hz)"] = f"{rates[name]:.1f}"
+            if source.messages:
+                values[f"{name}: age by stamp (s)"] = f"{(now_ns - source.last_stamp_ns) / NS_PER_S:.3f}"
+                values[f"{name}: age by arrival (s)"] = f"{time.monotonic() - source.last_arrival:.3f}"
+        return values
+
+    def _clock_findings(self) -> list[Finding]:
+        if self._node.get_parameter("use_sim_time").value and not self._node.get_clock().now().nanoseconds:
+            return [Finding("clock", "/clock: expected the simulation's time (use_sim_time is true), seen none")]
+        return []
+
+    def _status(self, part: str, level: bytes, words: str, values: Mapping[str, Any]) -> DiagnosticStatus:
+        name = self._node.get_fully_qualified_name()
+        return DiagnosticStatus(
+            name=f"{name}: {part}",
+            hardware_id=name,
+            level=level,
+            message=words,
+            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+        )

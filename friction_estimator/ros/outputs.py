@@ -1,0 +1,82 @@
+"""What the node publishes: prediction and residual as raw WrenchStamped, parameters as labelled arrays."""
+
+import array
+import time
+
+from geometry_msgs.msg import WrenchStamped
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+
+from friction_estimator.core.model import Parameters
+from friction_estimator.core.sample import Floats
+from friction_estimator.ros.wire import WrenchWriter
+
+ARRAYS = ("fir_taps", "theory_taps", "wavelet_weights")
+
+
+def output_qos(depth: int) -> QoSProfile:
+    """Return the quality of service of the outputs: reliable, so that every subscriber matches."""
+    return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=ReliabilityPolicy.RELIABLE)
+
+
+class Outputs:
+    """The node's publishers.
+
+    Parameters
+    ----------
+    node : owner of the publishers.
+    axis : name of the force axis.
+    """
+
+    def __init__(self, node: Node, axis: str) -> None:
+        def publisher(kind: type, topic: str, depth: int) -> Publisher:
+            return node.create_publisher(
+                kind,
+                topic,
+                output_qos(depth),
+                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            )
+
+        self._predicted = publisher(WrenchStamped, "~/friction_predicted", 1000)
+        self._residual = publisher(WrenchStamped, "~/residual", 1000)
+        self._arrays = {name: publisher(Float64MultiArray, f"~/parameters/{name}", 10) for name in ARRAYS}
+        self._parameters_due = 0.0
+        self.published = 0
+        self.set_axis(axis)
+
+    def set_axis(self, axis: str) -> None:
+        """Publish the force on this axis."""
+        self._writer = WrenchWriter("xyz".index(axis))
+
+    def sample(self, stamp_ns: int, frame: bytes, predicted_N: float, friction_N: float) -> None:
+        """Publish the prediction of one sample and its residual."""
+        write = self._writer.write
+        self._predicted.publish(write(stamp_ns, frame, predicted_N))
+        self._residual.publish(write(stamp_ns, frame, friction_N - predicted_N))
+        self.published += 1
+
+    def parameters_due(self, rate_hz: float) -> bool:
+        """Return True where the parameters are to be published now; a rate of 0 means always."""
+        if rate_hz <= 0.0:
+            return True
+        now = time.monotonic()
+        if now < self._parameters_due:
+            return False
+        self._parameters_due = now + 1.0 / rate_hz
+        return True
+
+    def parameters(self, values: Parameters) -> None:
+        """Publish the learned values."""
+        for name in ARRAYS:
+            self._arrays[name].publish(labelled(name, getattr(values, name)))
+
+
+def labelled(name: str, values: Floats) -> Float64MultiArray:
+    """Return an array message with one labelled dimension."""
+    message = Float64MultiArray()
+    message.layout.dim = [MultiArrayDimension(label=name, size=values.size, stride=values.size)]
+    message.data = array.array("d", values.tobytes())
+    return message

@@ -1,0 +1,184 @@
+"""ROS parameters by reflection: every setting of core/config.py, declared, checked and explained.
+
+rclpy's own rules would end the node for an integer where a double is declared, let NaN into arrays, ignore a
+misspelt name and answer a service call without naming the culprit. `ConfiguredNode` judges every value with
+`Parameter.checked` of core/config.py instead, at start-up and in the parameter services, and goes on living.
+"""
+
+import sys
+from collections.abc import Mapping, Sequence
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.exceptions import InvalidParameterTypeException
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+
+from friction_estimator.core.config import PARAMETERS, Config, Parameter, Value, parameter
+from friction_estimator.core.errors import ConfigError
+
+_ROS_OWN = ("use_sim_time", "start_type_description_service")
+_TYPES = {
+    bool: RosParameter.Type.BOOL,
+    int: RosParameter.Type.INTEGER,
+    float: RosParameter.Type.DOUBLE,
+    str: RosParameter.Type.STRING,
+}
+_ARRAY_TYPES = {float: RosParameter.Type.DOUBLE_ARRAY, str: RosParameter.Type.STRING_ARRAY}
+
+
+def is_ros_own(name: str) -> bool:
+    """Return True for parameters that rclpy itself declares."""
+    return name in _ROS_OWN or name.startswith("qos_overrides.")
+
+
+def descriptor(item: Parameter) -> ParameterDescriptor:
+    """Return what the parameter services tell about a setting: type, range, unit, choices, when it acts."""
+    notes = []
+    if item.unit:
+        notes.append(f"unit: {item.unit}")
+    if item.choices:
+        notes.append(f"one of: {', '.join(item.choices)}")
+    if item.is_array:
+        notes.append("array" if item.element is str else "array of finite numbers, the range holds for each")
+    if item.learned:
+        notes.append("written by the estimator; setting it replaces what was learned")
+    notes.append("acts at once" if item.live else "acts at ~/reset")
+    result = ParameterDescriptor(description=item.description, additional_constraints="; ".join(notes))
+    limits = sys.float_info.max
+    if item.element is float and max(item.low, -item.high) > -float("inf"):
+        low, high = max(item.low, -limits), min(item.high, limits)
+        result.floating_point_range = [FloatingPointRange(from_value=low, to_value=high, step=0.0)]
+    if item.element is int:
+        result.integer_range = [IntegerRange(from_value=int(item.low), to_value=int(item.high), step=1)]
+    return result
+
+
+def to_ros(item: Parameter, value: Value) -> RosParameter:
+    """Return a checked value as a ROS parameter of the declared type."""
+    if isinstance(value, tuple):
+        return RosParameter(item.name, _ARRAY_TYPES[item.element], list(value))
+    return RosParameter(item.name, _TYPES[item.kind], value)
+
+
+def from_ros(item: Parameter, given: RosParameter) -> Value:
+    """Return the value of a ROS parameter in the setting's type.
+
+    Raises ConfigError with name and reason. A value without type is an empty array (rcl reads `[]` so).
+    """
+    if given.type_ == RosParameter.Type.NOT_SET:
+        if item.is_array:
+            return ()
+        raise ConfigError(f"{item.name}: no value given, expected {item.element.__name__}")
+    if item.is_array and given.type_ == RosParameter.Type.BYTE_ARRAY and not given.value:
+        return ()
+    return item.checked(given.value)
+
+
+def accepted(config: Config, values: Mapping[str, Value]) -> tuple[Config, list[str]]:
+    """Return `config` with as many of `values` as are consistent, and the reasons for the others."""
+    try:
+        return config.updated(values), []
+    except ConfigError:
+        pass
+    waiting = dict(values)
+    while True:
+        reasons = {}
+        for name in list(waiting):
+            try:
+                config = config.updated({name: waiting[name]})
+            except ConfigError as error:
+                reasons[name] = f"{name}: {error}"
+            else:
+                del waiting[name]
+        if len(reasons) in (0, len(waiting)) and set(reasons) == set(waiting):
+            return config, list(reasons.values())
+
+
+class ConfiguredNode(Node):  # type: ignore[misc]
+    """A node whose parameters are the settings of `Config`.
+
+    Attributes
+    ----------
+    config : the configuration as the parameters now read; what acts at ~/reset may not act yet.
+    refused : one line for each start-up value that was not accepted.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.config = Config()
+        self.refused: list[str] = []
+        try:
+            super().__init__(name)
+        except InvalidParameterTypeException as error:
+            # Only use_sim_time is declared in there.
+            self.refused.append(str(error))
+            super().__init__(name, parameter_overrides=[RosParameter("use_sim_time", RosParameter.Type.BOOL, False)])
+        self._declare()
+
+    def _declare(self) -> None:
+        values: dict[str, Value] = {}
+        # rclpy offers no public way to read overrides that it cannot declare, such as an empty array.
+        for name, given in self._parameter_overrides.items():
+            if is_ros_own(name):
+                continue
+            try:
+                values[name] = self.localised(name, from_ros(parameter(name), given))
+            except ConfigError as error:
+                self.refused.append(str(error))
+        self.config, reasons = accepted(Config(), values)
+        self.refused += reasons
+        empty = []
+        for item in PARAMETERS.values():
+            value = to_ros(item, item.of(self.config))
+            dummy = ["-"] if item.element is str else [min(max(0.0, item.low), item.high)]
+            if value.value == []:
+                empty.append(value)  # rclpy cannot infer the type of an empty list
+            self.declare_parameter(item.name, value.value if value.value != [] else dummy, descriptor(item), True)
+        if empty:
+            super().set_parameters_atomically(empty)
+
+    def localised(self, name: str, value: Value) -> Value:
+        """Return a start-up value as this machine understands it (relative paths)."""
+        del name
+        return value
+
+    def check_change(self, config: Config, changed: Sequence[str]) -> None:
+        """Raise ConfigError where the running estimator cannot take the change."""
+
+    def apply_change(self, config: Config, changed: Sequence[str]) -> None:
+        """Let live changes act; the parameters already have their new values."""
+
+    def set_parameters_atomically(self, parameter_list: Sequence[RosParameter]) -> SetParametersResult:
+        """Check the whole list, set all of it or nothing; the answer names the culprit and the reason."""
+        values: dict[str, Value] = {}
+        passed: list[RosParameter] = []
+        try:
+            for given in parameter_list:
+                if given.name not in PARAMETERS and self.has_parameter(given.name):
+                    passed.append(given)
+                    continue
+                item = parameter(given.name)
+                values[item.name] = from_ros(item, given)
+                passed.append(to_ros(item, values[item.name]))
+            config = self.config.updated(values)
+            changed = [name for name, value in values.items() if value != PARAMETERS[name].of(self.config)]
+            # A learned value is what the estimator holds, so setting one always is a change.
+            changed += [name for name in values if PARAMETERS[name].learned and name not in changed]
+            self.check_change(config, changed)
+        except ConfigError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        result = super().set_parameters_atomically(passed)
+        if not result.successful:
+            names = ", ".join(given.name for given in passed)
+            result.reason = f"{names}: {result.reason}"
+            return result
+        self.config = config
+        self.apply_change(config, changed)
+        later = [name for name in changed if not PARAMETERS[name].live]
+        if later:
+            result.reason = f"{', '.join(later)}: set; takes effect at ~/reset"
+        return result

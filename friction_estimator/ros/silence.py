@@ -1,0 +1,189 @@
+"""Why nothing comes out: the faults that make a node sit silent, each found and put into words.
+
+A finding names the topic, what was expected and what was seen. `Findings` logs each once, again every minute
+while it lasts, and once more when it is gone.
+"""
+
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from rclpy.node import Node
+from rclpy.qos import QoSCompatibility, qos_check_compatible
+
+from friction_estimator.core.config import Config
+from friction_estimator.core.sample import NS_PER_S
+from friction_estimator.ros.sources import Source
+from friction_estimator.ros.wire import frame_id
+
+REPEAT_S = 60.0
+"""A finding that lasts is logged again after this time."""
+
+FEW = 3
+"""Messages in one look that make a stream count as arriving."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One fault: `key` tells it from others, `text` explains it."""
+
+    key: str
+    text: str
+
+
+class Findings:
+    """Log findings without flooding the log."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._logged: dict[str, tuple[float, str]] = {}
+        self.current: list[Finding] = []
+
+    def update(self, findings: list[Finding]) -> None:
+        """Take the present findings: new ones and lasting ones are logged, vanished ones are told."""
+        now = time.monotonic()
+        self.current = findings
+        present = {finding.key: finding for finding in findings}
+        for key, finding in present.items():
+            if key not in self._logged or now - self._logged[key][0] >= REPEAT_S:
+                self._node.get_logger().warning(finding.text)
+                self._logged[key] = (now, finding.text)
+        for key in [key for key in self._logged if key not in present]:
+            self._node.get_logger().info(f"no longer so: {self._logged.pop(key)[1]}")
+
+
+def stamp_offset_s(earlier: Source, later: Source) -> float:
+    """Return the median distance from stamps of `later` to the nearest stamps of `earlier`, s; NaN without both."""
+    ours, theirs = np.array(later.stamps, np.int64), np.sort(np.array(earlier.stamps, np.int64))
+    if not ours.size or not theirs.size:
+        return float("nan")
+    place = np.clip(np.searchsorted(theirs, ours), 1, max(1, theirs.size - 1))
+    candidates = np.stack([theirs[np.minimum(place, theirs.size - 1)], theirs[place - 1]])
+    distance = ours - candidates
+    nearest = np.take_along_axis(distance, np.abs(distance).argmin(axis=0)[None], axis=0)[0]
+    return float(np.median(nearest)) / NS_PER_S
+
+
+def explain(
+    node: Node,
+    config: Config,
+    sources: Mapping[str, Source],
+    messages: Mapping[str, int],
+    rejects: Mapping[str, int],
+    samples: int,
+) -> Iterator[Finding]:
+    """Yield what is wrong with the inputs.
+
+    Parameters
+    ----------
+    sources : the open inputs.
+    messages : messages of each input since the last look.
+    rejects : rejected samples since the last look, by reason.
+    samples : admitted samples since the last look.
+    """
+    required = [source for source in sources.values() if source.required]
+    silent = [source for source in required if not messages[source.name]]
+    heard = [source for source in required if messages[source.name]]
+    for source in silent:
+        yield _why_silent(node, source, heard)
+    for source in sources.values():
+        yield from _content(config, source, messages[source.name])
+    if silent or samples:
+        return
+    zero, total = rejects.get("zero_stamp", 0), sum(rejects.values())
+    if zero and 2 * zero >= total:
+        yield Finding(
+            "zero stamps",
+            f"{_topics(required)}: expected header stamps, all are zero; let the drivers set header.stamp, "
+            "or use input.mode float64",
+        )
+    elif total and not rejects.get("unmatched", 0):
+        reasons = ", ".join(f"{count} {reason}" for reason, count in rejects.items() if count)
+        yield Finding("all refused", f"{_topics(required)}: expected usable samples, every one was refused: {reasons}")
+    elif len(required) == 2 and all(messages[source.name] >= FEW for source in required):
+        offset = stamp_offset_s(*required)
+        yield Finding(
+            "stamps never match",
+            f"{_topics(required)}: expected equal stamps (sync.slop is {config.sync.slop:g} s), "
+            f"{required[1].name} stamps lie {offset:+.6f} s from the nearest {required[0].name} stamps; "
+            f"set sync.slop above {abs(offset):.2g} s if that is less than half the sample period, "
+            "or stamp both from one clock",
+        )
+
+
+def _topics(sources: list[Source]) -> str:
+    return " and ".join(source.topic for source in sources)
+
+
+def _why_silent(node: Node, source: Source, heard: list[Source]) -> Finding:
+    expected = _type_name(source.kind)
+    publishers: list[Any] = node.get_publishers_info_by_topic(source.topic)
+    if not publishers:
+        same = [
+            topic
+            for topic, types in node.get_topic_names_and_types()
+            if expected in types and node.count_publishers(topic) and not topic.startswith(f"{_name(node)}/")
+        ]
+        hint = f"; topics of that type: {', '.join(same)}" if same else ""
+        return Finding(
+            f"{source.name}: no publisher", f"{source.topic}: expected a publisher of {expected}, seen none{hint}"
+        )
+    of_type = [info for info in publishers if info.topic_type == expected]
+    if not of_type:
+        seen = ", ".join(sorted({info.topic_type for info in publishers}))
+        return Finding(f"{source.name}: wrong type", f"{source.topic}: expected {expected}, seen {seen}")
+    matching = []
+    reasons = set()
+    for info in of_type:
+        verdict, reason = qos_check_compatible(info.qos_profile, source.qos)
+        if verdict == QoSCompatibility.ERROR:
+            reasons.add(reason.strip().rstrip(";"))
+        else:
+            matching.append(info)
+    if not matching:
+        theirs = of_type[0].qos_profile
+        return Finding(
+            f"{source.name}: incompatible QoS",
+            f"{source.topic}: expected {source.qos.reliability.name} {source.qos.durability.name}, seen "
+            f"{theirs.reliability.name} {theirs.durability.name}: incompatible QoS, nothing can arrive "
+            f"({'; '.join(sorted(reasons))}); change qos_overrides.{source.topic}.subscription.*",
+        )
+    others = f"; only {' and '.join(other.name for other in heard)} arrives" if heard else ""
+    who = ", ".join(sorted({f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in matching}))
+    return Finding(
+        f"{source.name}: silent", f"{source.topic}: expected messages from {who}, seen none in the last second{others}"
+    )
+
+
+def _content(config: Config, source: Source, messages: int) -> Iterator[Finding]:
+    """Yield what is wrong with the messages of one input themselves."""
+    if not messages:
+        return
+    now = source.rejected_lately()
+    if now.get("wrong_joint"):
+        expected = f"joint {config.input.joint!r}" if config.input.joint else "one joint (input.joint is empty)"
+        yield Finding(f"{source.name}: wrong joint", f"{source.topic}: expected {expected}, seen {source.seen_names}")
+    if now.get("empty"):
+        wanted = "position" if source.name == "position" else "velocity and effort"
+        yield Finding(f"{source.name}: empty", f"{source.topic}: expected {wanted} of the joint, seen empty arrays")
+    if now.get("malformed"):
+        yield Finding(
+            f"{source.name}: malformed", f"{source.topic}: expected {_type_name(source.kind)}, seen unreadable bytes"
+        )
+    if source.frame != source.first_frame:
+        yield Finding(
+            f"{source.name}: frame",
+            f"{source.topic}: expected frame {frame_id(source.first_frame)!r} as in the first message, "
+            f"seen {frame_id(source.frame)!r}; do two sensors publish on it?",
+        )
+
+
+def _type_name(kind: type) -> str:
+    package = kind.__module__.split(".")[0]
+    return f"{package}/msg/{kind.__name__}"
+
+
+def _name(node: Node) -> str:
+    return str(node.get_fully_qualified_name())

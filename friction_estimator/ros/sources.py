@@ -1,0 +1,260 @@
+"""Input topics: one `Source` a subscription, with what the diagnostics need to know about it.
+
+Messages are taken as bytes and read by fixed layout; a message of another layout is deserialised in full and
+written out again by the installed serialiser, once, before it is given up as malformed.
+"""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from geometry_msgs.msg import TwistStamped, WrenchStamped
+from rclpy.exceptions import InvalidParameterTypeException
+from rclpy.node import Node
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import FluidPressure, JointState, Temperature
+from std_msgs.msg import Float64
+
+from friction_estimator.core.config import InputConfig
+from friction_estimator.core.pairing import FRICTION, POSITION, PRESSURE, TEMPERATURE, VELOCITY
+from friction_estimator.ros.wire import JointReader, LayoutError, StampedReader, read_double, serialised_frame
+
+Deliver = Callable[[int, int, float], None]
+"""Takes (stream, stamp in ns, value)."""
+
+REMEMBERED = 64
+"""Stamps kept of each input, to measure the offset between two of them."""
+
+FRAME_FORGOTTEN_S = 60.0
+"""A frame that differs from the first one this long is taken for the new usual one."""
+
+NO_FRAME = serialised_frame("")
+
+
+def input_qos() -> QoSProfile:
+    """Return the quality of service of the inputs: it matches any publisher, and holds a second at 1 kHz."""
+    return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+class Source:
+    """One input topic.
+
+    Parameters
+    ----------
+    node : owner of the subscription.
+    name : the input's name and topic.
+    kind : message type.
+    required : False for optional channels, whose silence is no fault.
+    on_error : takes an exception that a callback met.
+
+    Attributes
+    ----------
+    messages : messages received.
+    rejected : messages that held no sample, by reason.
+    last_stamp_ns, last_arrival : of the last message read; arrival by the monotonic clock, s.
+    stamps : the last stamps, in no order.
+    frame : serialised frame_id of the last message; `first_frame` of the first.
+    """
+
+    def __init__(
+        self, node: Node, name: str, kind: type, required: bool, on_error: Callable[[str, Exception], None]
+    ) -> None:
+        self.name, self.kind, self.required = name, kind, required
+        self.messages = 0
+        self.rejected: dict[str, int] = {}
+        self.last_stamp_ns, self.last_arrival = 0, 0.0
+        self.stamps: list[int] = []
+        self.frame = self.first_frame = b""
+        self.seen_names: list[str] = []
+        self._looked: dict[str, int] = {}
+        self._frame_changed = 0.0
+        self._on_error = on_error
+        self.qos = input_qos()
+        self._node = node
+        self.subscription: Any = None
+
+    @property
+    def topic(self) -> str:
+        """The resolved topic name."""
+        return str(self.subscription.topic_name)
+
+    def subscribe(self, callback: Callable[[bytes], None]) -> None:
+        """Open the subscription; quality-of-service overrides that cannot be used are reported and ignored."""
+        guarded = self._guarded(callback)
+        try:
+            options: QoSOverridingOptions | None = QoSOverridingOptions.with_default_policies()
+            self.subscription = self._node.create_subscription(
+                self.kind, self.name, guarded, self.qos, qos_overriding_options=options, raw=True
+            )
+        except (InvalidQosOverridesError, InvalidParameterTypeException, RuntimeError) as error:
+            self._node.get_logger().error(f"{self.name}: {error}; using best effort, keep last 1000")
+            self.qos = input_qos()
+            self.subscription = self._node.create_subscription(self.kind, self.name, guarded, self.qos, raw=True)
+
+    def close(self) -> None:
+        """Close the subscription."""
+        self._node.destroy_subscription(self.subscription)
+
+    def reject(self, reason: str) -> None:
+        """Count a message that holds no sample."""
+        self.rejected[reason] = self.rejected.get(reason, 0) + 1
+
+    def rejected_lately(self) -> dict[str, int]:
+        """Return the messages rejected since `looked_at`, by reason."""
+        return {reason: count - self._looked.get(reason, 0) for reason, count in self.rejected.items()}
+
+    def looked_at(self) -> None:
+        """Begin a new count of late rejections; a changed frame becomes the expected one after a minute."""
+        self._looked = dict(self.rejected)
+        if self.frame == self.first_frame:
+            self._frame_changed = 0.0
+        elif not self._frame_changed:
+            self._frame_changed = time.monotonic()
+        elif time.monotonic() - self._frame_changed > FRAME_FORGOTTEN_S:
+            self.first_frame = self.frame
+
+    def note(self, stamp_ns: int, frame: bytes) -> None:
+        """Remember what the diagnostics ask for."""
+        self.last_stamp_ns = stamp_ns
+        self.last_arrival = time.monotonic()
+        if len(self.stamps) < REMEMBERED:
+            self.stamps.append(stamp_ns)
+        else:
+            self.stamps[self.messages % REMEMBERED] = stamp_ns
+        if frame is not self.frame:
+            self.first_frame = self.first_frame or frame
+            self.frame = frame
+
+    def _guarded(self, callback: Callable[[bytes], None]) -> Callable[[bytes], None]:
+        """Return the callback in a form that counts and survives whatever a message provokes."""
+
+        def receive(raw: bytes) -> None:
+            self.messages += 1
+            try:
+                try:
+                    callback(raw)
+                except LayoutError:
+                    callback(self._rewritten(raw))
+            except LayoutError:
+                self.reject("malformed")
+            except Exception as error:
+                self._on_error(f"message on {self.name}", error)
+
+        return receive
+
+    def _rewritten(self, raw: bytes) -> bytes:
+        """Return the message as this machine's serialiser writes it (another byte order, for instance)."""
+        try:
+            return bytes(serialize_message(deserialize_message(raw, self.kind)))
+        except Exception as error:
+            raise LayoutError(str(error)) from error
+
+
+class Inputs:
+    """All input topics of one input mode.
+
+    Parameters
+    ----------
+    node : owner of the subscriptions.
+    config : mode, axis and joint.
+    deliver : takes the events.
+    on_error : takes exceptions.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        config: InputConfig,
+        deliver: Deliver,
+        on_error: Callable[[str, Exception], None],
+    ) -> None:
+        self._node, self._config, self._deliver, self._on_error = node, config, deliver, on_error
+        self.frame = NO_FRAME
+        """Serialised frame of the last friction message."""
+        self.sources: dict[str, Source] = {}
+        axis = "xyz".index(config.axis)
+        if config.mode == "stamped":
+            self._stamped("velocity", TwistStamped, StampedReader(6, axis), VELOCITY)
+            self._stamped("friction", WrenchStamped, StampedReader(6, axis), FRICTION)
+        elif config.mode == "joint_state":
+            self._joint_states("joint_states", required=True)
+        else:
+            self._float64()
+        self._stamped("pressure", FluidPressure, StampedReader(2, 0), PRESSURE)
+        self._stamped("temperature", Temperature, StampedReader(2, 0), TEMPERATURE)
+        self._joint_states("position", required=False)
+
+    def close(self) -> None:
+        """Close all subscriptions."""
+        for source in self.sources.values():
+            source.close()
+
+    def _source(self, name: str, kind: type, required: bool) -> Source:
+        source = Source(self._node, name, kind, required, self._on_error)
+        self.sources[name] = source
+        return source
+
+    def _stamped(self, name: str, kind: type, reader: StampedReader, stream: int) -> None:
+        source = self._source(name, kind, stream in (VELOCITY, FRICTION))
+        deliver = self._deliver
+
+        def receive(raw: bytes) -> None:
+            stamp_ns, value = reader.read(raw)
+            source.note(stamp_ns, reader.frame)
+            if stream == FRICTION:
+                self.frame = reader.frame
+            deliver(stream, stamp_ns, value)
+
+        source.subscribe(receive)
+
+    def _joint_states(self, name: str, *, required: bool) -> None:
+        source = self._source(name, JointState, required)
+        reader = JointReader(self._config.joint)
+        deliver = self._deliver
+
+        def receive(raw: bytes) -> None:
+            stamp_ns, position, velocity, effort = reader.read(raw)
+            source.note(stamp_ns, reader.frame)
+            source.seen_names = reader.names
+            if reader.index is None:
+                source.reject("wrong_joint")
+            elif not required:
+                if reader.holds[0]:
+                    deliver(POSITION, stamp_ns, position)
+                else:
+                    source.reject("empty")
+            elif reader.holds[1] and reader.holds[2]:
+                self.frame = reader.frame
+                deliver(VELOCITY, stamp_ns, velocity)
+                deliver(FRICTION, stamp_ns, effort)
+            else:
+                source.reject("empty")
+
+        source.subscribe(receive)
+
+    def _float64(self) -> None:
+        """Pair a friction value with the newest velocity value, at the time of receipt."""
+        velocity_source = self._source("velocity", Float64, True)
+        friction_source = self._source("friction", Float64, True)
+        fresh: list[float] = []
+        deliver = self._deliver
+
+        def receive_velocity(raw: bytes) -> None:
+            value = read_double(raw)
+            velocity_source.note(time.time_ns(), NO_FRAME)
+            fresh[:] = [value]
+
+        def receive_friction(raw: bytes) -> None:
+            value = read_double(raw)
+            stamp_ns = time.time_ns()
+            friction_source.note(stamp_ns, NO_FRAME)
+            if fresh:
+                deliver(VELOCITY, stamp_ns, fresh.pop())
+                deliver(FRICTION, stamp_ns, value)
+            else:
+                friction_source.reject("unmatched")
+
+        velocity_source.subscribe(receive_velocity)
+        friction_source.subscribe(receive_friction)
