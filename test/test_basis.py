@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 import pywt
+from hypothesis import given
+from hypothesis import strategies as st
 
 from friction_estimator.core.basis import BASES, WaveletBasis, basis_from_config, dyadic_table
 from friction_estimator.core.config import PARAMETERS, BasisConfig, Config
@@ -13,7 +15,9 @@ ORDERS = range(1, 9)
 
 def wide_basis(order: int) -> WaveletBasis:
     return WaveletBasis(
-        BasisConfig(wavelet=f"db{order}", velocity_range=(-64.0, 64.0), velocity_unit=1.0, coarsest_level=2)
+        BasisConfig(
+            wavelet=f"db{order}", velocity_range=(-64.0, 64.0), velocity_unit=1.0, coarsest_level=2, companding=0.0
+        )
     )
 
 
@@ -99,6 +103,24 @@ def test_every_velocity_in_and_outside_the_range_has_valid_entries():
     assert np.isfinite(value).all()
     np.testing.assert_array_equal(basis.dense(np.array([1e9])), basis.dense(np.array([0.07])))
     assert not basis.inside(np.array([0.071])).any()
+
+
+@pytest.mark.parametrize("companding", [0.0, 16.0])
+def test_no_velocity_falls_between_the_rows_of_the_table(companding):
+    """Just below zero the fraction of a level's coordinate rounds to one."""
+    basis = WaveletBasis(BasisConfig(velocity_range=(-1.0, 1.0), companding=companding))
+    tiny = np.array([5e-324, 1e-300, 1e-17, 1e-16, 2.0**-53])
+    for v in (tiny, -tiny, 0.125 - tiny, 0.5 - tiny):
+        np.testing.assert_allclose(basis.dense(v), basis.dense(np.round(v, 12)), atol=1e-10)
+
+
+@given(st.floats(-1.0, 1.0), st.sampled_from([0.0, 1.0, 16.0, 1000.0]))
+def test_entries_are_finite_and_a_constant_is_kept(velocity, companding):
+    basis = WaveletBasis(BasisConfig(velocity_range=(-1.0, 1.0), companding=companding))
+    value = basis.dense(np.array([velocity]))[0]
+    assert np.isfinite(value).all()
+    amplitude = 2.0 ** (-0.5 * basis.levels[-1])
+    assert value[basis.is_scaling].sum() == pytest.approx(amplitude, abs=1e-12)
 
 
 def test_registered_names_are_those_of_the_setting():

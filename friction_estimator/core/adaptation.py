@@ -21,13 +21,15 @@ class Law(Protocol):
 
     @staticmethod
     def constants(config: Config) -> Floats:
-        """Return the (4,) constants of the compiled rule, in the places that kernels.py names."""
+        """Return the (3,) constants of the compiled rule, in the places that kernels.py names."""
+
+    keeps_covariance: ClassVar[bool]
 
     @staticmethod
-    def initial_deviation(config: Config, prior: Floats) -> Floats:
-        """Return the initial standard deviation of each parameter, (n,), or (0,) where the law keeps no covariance.
+    def prior_variance(config: Config, deviation: Floats) -> Floats:
+        """Return the variance of each parameter from which the law starts, (n,), or (0,) where it knows none.
 
-        `prior` is the model's relative prior standard deviation, (n,).
+        `deviation` is the model's relative prior standard deviation, (n,).
         """
 
 
@@ -42,36 +44,40 @@ class Lms:
     """
 
     number: ClassVar[int] = kernels.LMS
+    keeps_covariance: ClassVar[bool] = False
 
     @staticmethod
     def constants(config: Config) -> Floats:
         """Step size."""
-        return np.array([config.lms.step_size, 0.0, 1.0, 0.0])
+        return np.array([config.lms.step_size, 0.0, 1.0])
 
     @staticmethod
-    def initial_deviation(config: Config, prior: Floats) -> Floats:  # noqa: ARG004 - the law keeps no covariance
-        """No covariance."""
+    def prior_variance(config: Config, deviation: Floats) -> Floats:  # noqa: ARG004 - steepest descent has no metric
+        """None: steepest descent."""
         return np.zeros(0)
 
 
 @LAWS.named("nlms")
 class Nlms:
-    """theta += mu e x / (eps + |x|^2), |x|^2 over all blocks, then the norm of A moves into W.
+    """theta += mu e D x / (eps + x' D x), one normaliser for all blocks, then the norm of A moves into W.
 
-    The a posteriori error of the linearised model is e (1 - mu |x|^2 / (eps + |x|^2)): never larger than e for mu <= 1.
+    The metric D is the prior variance of each parameter: it lets the weights learn faster than the taps behind them,
+    without which the two chase each other. The a posteriori error of the linearised model is
+    e (1 - mu x' D x / (eps + x' D x)): never larger than e for mu <= 1.
     """
 
     number: ClassVar[int] = kernels.NLMS
+    keeps_covariance: ClassVar[bool] = False
 
     @staticmethod
     def constants(config: Config) -> Floats:
         """Step size and floor of the normaliser."""
-        return np.array([config.nlms.step_size, config.nlms.regularisation, 1.0, 0.0])
+        return np.array([config.nlms.step_size, config.nlms.regularisation, 1.0])
 
     @staticmethod
-    def initial_deviation(config: Config, prior: Floats) -> Floats:  # noqa: ARG004 - the law keeps no covariance
-        """No covariance."""
-        return np.zeros(0)
+    def prior_variance(config: Config, deviation: Floats) -> Floats:  # noqa: ARG004 - one signature for all laws
+        """The metric D."""
+        return np.square(deviation)
 
 
 @LAWS.named("rls")
@@ -82,13 +88,14 @@ class Rls:
     """
 
     number: ClassVar[int] = kernels.RLS
+    keeps_covariance: ClassVar[bool] = True
 
     @staticmethod
     def constants(config: Config) -> Floats:
-        """Forgetting factor and the cap of every variance (that of the start)."""
-        return np.array([0.0, 0.0, config.rls.forgetting_factor, config.rls.initial_variance])
+        """Forgetting factor."""
+        return np.array([0.0, 0.0, config.rls.forgetting_factor])
 
     @staticmethod
-    def initial_deviation(config: Config, prior: Floats) -> Floats:
-        """sqrt(initial variance) times the prior."""
-        return np.asarray(np.sqrt(config.rls.initial_variance) * prior)
+    def prior_variance(config: Config, deviation: Floats) -> Floats:
+        """Initial variance, scaled by the model's prior."""
+        return np.asarray(config.rls.initial_variance * np.square(deviation))

@@ -114,19 +114,27 @@ def _dilate(scaling: Floats, taps: Floats, spacing: int, support: int) -> Floats
 
 
 @njit(cache=True)
+def _position(velocity, unit, bend):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return the velocity in basis units; `bend` is the velocity at which companding sets in, 0 for none."""
+    if bend > 0.0:
+        return bend * np.arcsinh(velocity / bend) / unit
+    return velocity / unit
+
+
+@njit(cache=True)
 def _wavelet_rows(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    velocity, unit, low, high, scale, amplitude, first, kind, table, index, value
+    velocity, unit, low, high, bend, scale, amplitude, first, kind, table, index, value
 ):
     """Fill (index, value) for each velocity; one block of `support` entries a level."""
     steps = table.shape[1] - 1
     support = table.shape[2]
     for r in range(velocity.size):
-        held = min(max(velocity[r], low), high) / unit
+        held = _position(min(max(velocity[r], low), high), unit, bend)
         for block in range(scale.size):
             scaled = held * scale[block]
             whole = np.floor(scaled)
             fine = (scaled - whole) * steps
-            row = int(fine)
+            row = min(int(fine), steps - 1)  # just below an integer the fraction rounds to 1
             # Haar is a step function: its table is read without interpolation.
             part = fine - row if support > 1 else 0.0
             place = first[block] + int(whole)
@@ -140,8 +148,9 @@ def _wavelet_rows(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
 class WaveletBasis:
     """Daubechies wavelets of levels m = finest..coarsest and the scaling functions of the coarsest level.
 
-    A velocity v is u = v / velocity_unit basis units. At any u at most 2 N - 1 functions of a level differ from
-    zero. Velocities outside the range are held at its edge.
+    A velocity v is u = v / velocity_unit basis units, or u = (b / velocity_unit) asinh(v / b), b = v_max / companding,
+    where companding is set: friction bends most near standstill, and this puts the resolution there. At any u at most
+    2 N - 1 functions of a level differ from zero. Velocities outside the range are held at its edge.
 
     Parameters
     ----------
@@ -155,7 +164,7 @@ class WaveletBasis:
     --------
     >>> basis = WaveletBasis(BasisConfig(velocity_range=(-0.1, 0.1)))
     >>> basis.size, basis.width
-    (92, 30)
+    (94, 30)
     >>> index, value = basis.rows(np.array([0.05]))
     >>> index.shape, value.shape
     ((1, 30), (1, 30))
@@ -165,7 +174,9 @@ class WaveletBasis:
         if not config.velocity_range:
             raise ConfigError("basis.velocity_range is empty: give [lowest, highest] in m/s")
         self.low, self.high = (float(v) for v in config.velocity_range)
-        self.unit = config.velocity_unit or (self.high - self.low) / UNITS_PER_RANGE
+        self.bend = max(abs(self.low), abs(self.high)) / config.companding if config.companding > 0.0 else 0.0
+        reach = _position(self.high, 1.0, self.bend) - _position(self.low, 1.0, self.bend)
+        self.unit = config.velocity_unit or reach / UNITS_PER_RANGE
         self.levels = tuple(range(config.finest_level, config.coarsest_level + 1))
         self._table = dyadic_table(config.wavelet).values
         support = self._table.shape[2]
@@ -173,9 +184,9 @@ class WaveletBasis:
         self._scale = 2.0 ** -exponents.astype(np.float64)
         self._amplitude = np.sqrt(self._scale)
         self._kind = np.array([1] * len(self.levels) + [0], np.int64)
-        # Division before scaling, as in the kernel, so that the ends fall into the same cell.
-        lowest = np.floor(self.low / self.unit * self._scale).astype(np.int64) - (support - 1)
-        highest = np.floor(self.high / self.unit * self._scale).astype(np.int64)
+        # The kernel's own function, so that the ends fall into the same cell.
+        lowest = np.floor(_position(self.low, self.unit, self.bend) * self._scale).astype(np.int64) - (support - 1)
+        highest = np.floor(_position(self.high, self.unit, self.bend) * self._scale).astype(np.int64)
         counts = highest - lowest + 1
         if counts.sum() > LARGEST_BASIS:
             raise ConfigError(
@@ -208,6 +219,7 @@ class WaveletBasis:
             self.unit,
             self.low,
             self.high,
+            self.bend,
             self._scale,
             self._amplitude,
             self._first,
@@ -230,7 +242,7 @@ class WaveletBasis:
         return (velocity_m_s >= self.low) & (velocity_m_s <= self.high)
 
     def prior_scale(self) -> Floats:
-        """Return the relative prior standard deviation of each weight, (size,): 2^(m/2), a smooth g."""
+        """Return the relative prior standard deviation of each weight, (size,): 2^((m - M)/2), a smooth g."""
         return np.asarray(2.0 ** (0.5 * (self.level_of - self.levels[-1])))
 
 

@@ -82,10 +82,18 @@ class BasisConfig:
     )
     velocity_unit: float = setting(
         0.0,
-        "Velocity of one basis unit. 0: the velocity range divided into 16 units.",
+        "Velocity of one basis unit (at standstill, where velocity is companded). 0: the velocity range divided into "
+        "16 units.",
         unit="m/s per basis unit",
         low=0.0,
         high=1e9,
+    )
+    companding: float = setting(
+        16.0,
+        "Strength c of the companding of velocity, v -> asinh(c v / v_max) v_max / c: finer near standstill, coarser "
+        "at speed. 0: none, as in the paper.",
+        low=0.0,
+        high=1e4,
     )
 
 
@@ -100,14 +108,14 @@ class FirConfig:
 class LmsConfig:
     """The paper's law."""
 
-    step_size: float = setting(0.02, "Step size mu of lms, in normalised units.", low=0.0, high=1.0, live=True)
+    step_size: float = setting(0.005, "Step size mu of lms, in normalised units.", low=0.0, high=1.0, live=True)
 
 
 @dataclass(frozen=True)
 class NlmsConfig:
     """Normalised LMS with one joint normaliser."""
 
-    step_size: float = setting(0.5, "Step size mu of nlms.", low=0.0, high=1.0, live=True)
+    step_size: float = setting(0.2, "Step size mu of nlms.", low=0.0, high=1.0, live=True)
     regularisation: float = setting(
         1e-3, "Floor eps of the normaliser, in normalised units.", low=1e-12, high=1e3, live=True
     )
@@ -125,7 +133,10 @@ class RlsConfig:
         live=True,
     )
     initial_variance: float = setting(
-        10.0, "Variance of the parameters before the first sample, in normalised units.", low=1e-9, high=1e9
+        1000.0,
+        "Prior variance of a normalised weight over the noise variance: 1000 is a weight of 1 at 3 % noise.",
+        low=1e-3,
+        high=1e9,
     )
 
 

@@ -40,6 +40,7 @@ class Health:
     guarded : steps that the divergence guard shortened or refused.
     clipped : errors that nlms or rls took for outliers and shortened.
     outside : samples outside the velocity range (nothing was learned from them).
+    alarmed : abrupt changes of friction that rls noticed (it then learns afresh, from the present parameters).
     error_rms_N : running rms of the a priori error, N.
     """
 
@@ -48,6 +49,7 @@ class Health:
     guarded: int
     clipped: int
     outside: int
+    alarmed: int
     error_rms_N: float
 
 
@@ -77,7 +79,8 @@ class Estimator:
         config, model = self.config, self.model
         law = LAWS[config.model.law]
         theta = model.initial_theta()
-        deviation = law.initial_deviation(config, model.prior_deviation())
+        prior = law.prior_variance(config, model.prior_deviation())
+        covariance = prior if law.keeps_covariance else np.zeros(0)
         taps, _, theory_taps, _ = model.shape
         self._law_number = law.number
         self._work = Workspace(
@@ -86,11 +89,12 @@ class Estimator:
             ring_index=np.zeros((taps, model.basis.width), np.int32),
             ring_value=np.zeros((taps, model.basis.width)),
             ring_theory=np.zeros(max(1, theory_taps)),
-            root=np.diag(deviation) if deviation.size else np.zeros((0, 0)),
-            diagonal=np.square(deviation),
+            root=np.diag(np.sqrt(covariance)),
+            diagonal=covariance.copy(),
+            prior=prior,
             law=law.constants(config),
-            moments=np.array([1.0, 0.0, 0.0, 0.0]),
-            status=np.zeros(8, np.int64),
+            moments=np.array([1.0, 1.0, 0.0, 0.0]),
+            status=np.zeros(7, np.int64),
         )
         if model.extension is not None:
             model.extension.restart()
@@ -186,6 +190,7 @@ class Estimator:
             guarded=int(status[kernels.GUARDED]),
             clipped=int(status[kernels.CLIPPED]),
             outside=int(status[kernels.OUTSIDE]),
+            alarmed=int(status[kernels.ALARMED]),
             error_rms_N=float(np.sqrt(self._work.moments[kernels.ERROR_POWER]) * self.config.force_unit),
         )
 

@@ -27,19 +27,28 @@ LMS, NLMS, RLS = range(3)
 TAPS, WEIGHTS, THEORY_TAPS, EXTENSIONS = range(4)
 
 # Places in Workspace.status
-HEAD, SEEN, LEARNED, GUARDED, CLIPPED, OUTSIDE = range(6)
+HEAD, SEEN, LEARNED, GUARDED, CLIPPED, OUTSIDE, ALARMED = range(7)
 
 # Places in Workspace.moments
-ERROR_POWER, TARGET_POWER, TARGET_MEAN, CAP_AGE = range(4)
+ERROR_POWER, QUIET_POWER, DIAGONAL_AGE, ALARM = range(4)
 
 # Places in Workspace.law
-STEP, FLOOR, FORGETTING, VARIANCE_CAP = range(4)
+STEP, FLOOR, FORGETTING = range(3)
 
 CLIP = 6.0
 """Errors beyond this many running rms are shortened before nlms and rls learn from them (Huber)."""
 
 ERROR_MEMORY = 200.0
 """Samples over which the running error power is averaged."""
+
+QUIET_FALL, QUIET_RISE = 500.0, 5000.0
+"""Samples over which the quiet error power follows a fall and a rise: it stays near the lower quarter of e^2."""
+
+ALARM_RATIO = 200.0
+"""Running error power over quiet power beyond which the friction itself is taken to have changed."""
+
+LEAST_POWER = 1e-12
+"""Floor of the running powers: float noise of a perfect model is no alarm."""
 
 LARGEST_PARAMETER = 1e6
 """Guard: no normalised parameter grows beyond this."""
@@ -57,9 +66,11 @@ class Workspace:
     ring_theory : (max(theory taps, 1),), the last values of d, newest at `status[SEEN] % size`.
     root : (n, n), square root S of the covariance P = S S' (rls), else (0, 0).
     diagonal : (n,), the diagonal of P (rls), else (0,).
-    law : (4,), constants of the law.
-    moments : (4,), running powers.
-    status : (6,) int64, counters.
+    prior : (n,), the metric of nlms; for rls the diagonal of P before the first sample, which no variance exceeds;
+        (0,) for lms.
+    law : (3,), constants of the law.
+    moments : (4,), running powers and the state of the alarm.
+    status : (7,) int64, counters.
     """
 
     shape: Ints
@@ -69,6 +80,7 @@ class Workspace:
     ring_theory: Floats
     root: Floats
     diagonal: Floats
+    prior: Floats
     law: Floats
     moments: Floats
     status: Ints
@@ -198,28 +210,41 @@ def _move_norm_into_weights(shape, theta):  # type: ignore[no-untyped-def] # pra
 
 
 @njit(cache=True)
-def _learn_nlms(shape, theta, law, status, x, error):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """theta += mu e x / (eps + |x|^2), one normaliser for all blocks, then the norm of A goes into W."""
+def _learn_nlms(shape, theta, law, status, prior, x, error, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """theta += mu e D x / (eps + x' D x), one normaliser for all blocks, then the norm of A goes into W."""
     energy = law[FLOOR]
     for i in range(x.size):
-        energy += x[i] * x[i]
-    if _gradient_step(theta, x, law[STEP] * error / energy, status):
+        gain[i] = prior[i] * x[i]
+        energy += gain[i] * x[i]
+    if _gradient_step(theta, gain, law[STEP] * error / energy, status):
         _move_norm_into_weights(shape, theta)
 
 
 @njit(cache=True)
-def _learn_rls(shape, theta, law, moments, status, root, diagonal, x, error, projected, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def _learn_rls(shape, theta, law, moments, status, root, diagonal, prior, x, error, projected, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Recursive prediction error with directional forgetting, in square-root form.
 
     P = S S' is positive semidefinite whatever is rounded. With r = x' P x the update
 
         theta += P x e / (1 + r),  S <- S (I - gamma f f'), f = S' x, (1 - gamma r)^2 = 1 / (lambda (1 + r))
 
-    is the information update R <- R - (1 - lambda) R x x' R / (x' R x) + x x' of Kulhavy and Karny (1984): only
-    what is known along x is forgotten, so nothing winds up at standstill. Forgetting pauses where it would raise a
-    variance above its cap.
+    is the information update R <- R - (1 - lambda) x x' / (x' P x) + x x' of Kulhavy and Karny (1984): only what is
+    known along x is forgotten, so nothing winds up at standstill. Forgetting pauses where it would raise a variance
+    above its prior. When the running error rises far above its quiet level, the friction has changed abruptly: the
+    covariance is set back to the prior once, the parameters stay.
     """
     n = theta.size
+    if law[FORGETTING] < 1.0:
+        ratio = moments[ERROR_POWER] / moments[QUIET_POWER]
+        if moments[ALARM] == 0.0 and ratio > ALARM_RATIO:
+            moments[ALARM] = 1.0
+            status[ALARMED] += 1
+            root[:, :] = 0.0
+            for i in range(n):
+                root[i, i] = np.sqrt(prior[i])
+                diagonal[i] = prior[i]
+        elif ratio < 0.25 * ALARM_RATIO:
+            moments[ALARM] = 0.0
     for j in range(n):
         projected[j] = 0.0
     for i in range(n):
@@ -243,7 +268,7 @@ def _learn_rls(shape, theta, law, moments, status, root, diagonal, x, error, pro
     change = (1.0 - shrink) / r  # P <- P - change g g'
     if shrink > 1.0:
         for i in range(n):
-            if diagonal[i] - change * gain[i] * gain[i] > law[VARIANCE_CAP]:
+            if diagonal[i] - change * gain[i] * gain[i] > prior[i]:
                 shrink = 1.0 / (1.0 + r)
                 change = (1.0 - shrink) / r
                 break
@@ -261,9 +286,9 @@ def _learn_rls(shape, theta, law, moments, status, root, diagonal, x, error, pro
             diagonal[i] *= scale * scale
             for j in range(n):
                 root[i, j] *= scale
-    moments[CAP_AGE] += 1.0
-    if moments[CAP_AGE] >= 1000.0:  # rounding must not gather in the running diagonal
-        moments[CAP_AGE] = 0.0
+    moments[DIAGONAL_AGE] += 1.0
+    if moments[DIAGONAL_AGE] >= 1000.0:  # rounding must not gather in the running diagonal
+        moments[DIAGONAL_AGE] = 0.0
         for i in range(n):
             total = 0.0
             for j in range(n):
@@ -289,6 +314,7 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     ring_theory,
     root,
     diagonal,
+    prior,
     law,
     moments,
     status,
@@ -326,7 +352,10 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
         limit = CLIP * np.sqrt(moments[ERROR_POWER])
         clipped = min(max(error, -limit), limit)
         moments[ERROR_POWER] += (clipped * clipped - moments[ERROR_POWER]) / ERROR_MEMORY
-        moments[ERROR_POWER] = max(moments[ERROR_POWER], 1e-12)
+        moments[ERROR_POWER] = max(moments[ERROR_POWER], LEAST_POWER)
+        quiet = moments[QUIET_POWER]
+        surprise = min(clipped * clipped, 9.0 * quiet) - quiet
+        moments[QUIET_POWER] = max(quiet + surprise / (QUIET_FALL if surprise < 0.0 else QUIET_RISE), LEAST_POWER)
         if not learn[k]:
             continue
         status[LEARNED] += 1
@@ -336,6 +365,6 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
         if clipped != error:
             status[CLIPPED] += 1
         if law_number == NLMS:
-            _learn_nlms(shape, theta, law, status, x, clipped)
+            _learn_nlms(shape, theta, law, status, prior, x, clipped, gain)
         else:
-            _learn_rls(shape, theta, law, moments, status, root, diagonal, x, clipped, projected, gain)
+            _learn_rls(shape, theta, law, moments, status, root, diagonal, prior, x, clipped, projected, gain)

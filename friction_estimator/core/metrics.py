@@ -54,7 +54,7 @@ def drive_cycles(velocity_m_s: Floats) -> list[slice]:
     starts = []
     for rise in rises:
         first, last = known[rise], known[rise + 1]
-        starts.append(first + 1 + int(np.argmax(velocity_m_s[first + 1 : last + 1] >= 0.0)))
+        starts.append(int(first + 1 + np.argmax(velocity_m_s[first + 1 : last + 1] >= 0.0)))
     lengths = np.diff(starts)
     if lengths.size < LEAST_CYCLES or np.std(lengths) > 0.5 * np.mean(lengths):
         return []

@@ -20,8 +20,15 @@ from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.sample import Bools, Floats, Ints, Samples
 from friction_estimator.core.theory import TheoryCurve, theory_from_config
 
-TAP_DEVIATION = 0.3
-"""Prior standard deviation of an FIR tap about its start [1, 0, ..., 0]."""
+TAP_DEVIATION = {"hammerstein": 0.1, "parallel": 0.01}
+"""Prior standard deviation of the taps behind g, relative to that of a weight of the coarsest level.
+
+In the parallel model g starts near zero and says nothing about the taps behind it: a loose prior would let noise move
+them (docs/decisions/0003-priors-of-rls.md has the figures).
+"""
+
+THEORY_TAP_DEVIATION = 0.1
+"""The same for the taps behind the theoretical curve."""
 
 
 class Extension(Protocol):
@@ -126,9 +133,9 @@ class Model:
         taps, _, theory_taps, columns = self.shape
         return np.concatenate(
             [
-                np.full(taps, TAP_DEVIATION),
+                np.full(taps, TAP_DEVIATION[self.config.model.type]),
                 self.basis.prior_scale(),
-                np.full(theory_taps, TAP_DEVIATION),
+                np.full(theory_taps, THEORY_TAP_DEVIATION),
                 np.ones(columns),
             ]
         )
