@@ -1,0 +1,279 @@
+"""What an effect is: its simulation, its regressor, its words; and the registry of all of them.
+
+An effect is one class in one place. It says how the rig simulation hides it in data (`apply`), which columns the
+diagnosis proposes for it (`grid`, `columns`), and what a test engineer should know of it (`words`).
+"""
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.registry import Registry
+from friction_estimator.core.sample import Floats
+from friction_estimator.effects.features import Context, Features
+from friction_estimator.effects.reference import Reference
+from friction_estimator.effects.trace import STAGES, Trace
+
+
+@dataclass(frozen=True)
+class Key:
+    """One parameter of an effect: name, unit, default, inclusive bounds and meaning."""
+
+    name: str
+    unit: str
+    default: float
+    low: float
+    high: float
+    description: str
+
+    def checked(self, effect: str, value: object) -> float:
+        """Return `value` as a float; ConfigError names effect, key, range and unit where it cannot be used."""
+        try:
+            number = float(value)  # type: ignore[arg-type]
+        except (TypeError, ValueError):
+            raise ConfigError(f"effect {effect}: {self.name}={value!r} is no number") from None
+        if not math.isfinite(number) or not self.low <= number <= self.high:
+            unit = f" {self.unit}" if self.unit else ""
+            raise ConfigError(
+                f"effect {effect}: {self.name}={number:g} is out of range [{self.low:g}, {self.high:g}]{unit}"
+            )
+        return number
+
+
+FORM = "form"
+
+
+def form_key(description: str) -> Key:
+    """Return the key that chooses between functional forms of one cause: 0 the usual one, 1 the other."""
+    return Key(FORM, "", 0.0, 0.0, 1.0, f"functional form: 0 usual, 1 {description}")
+
+
+@dataclass(frozen=True)
+class Words:
+    """What a test engineer should know of an effect.
+
+    Attributes
+    ----------
+    what : what is true.
+    where : where it shows.
+    confused_with : effect id -> the experiment that separates the two.
+    """
+
+    what: str
+    where: str
+    confused_with: Mapping[str, str]
+
+
+Params = Mapping[str, float]
+
+
+class Effect:
+    """One cause of a difference between simulation and measurement.
+
+    Subclasses set the class attributes and override `apply`; those with a regressor also `grid` and `columns`.
+
+    Parameters
+    ----------
+    size : rms of the change that the effect makes over the rms of the clean friction; the value of `size_key` is
+        then found by `compose.resolved`. None: the keys say it all.
+    values : keys of the effect; missing ones take their default.
+
+    Attributes
+    ----------
+    name : id of the effect (INTERFACE section 3).
+    family : effects of one family are alternatives to each other rather than a second cause.
+    stage : one of `STAGES`.
+    keys : parameters of the simulation.
+    size_key : the key that `size` sets.
+    linear : True where the change is proportional to the value of `size_key`.
+    reveals : the variable against which one sees the effect (a field of `Features`).
+    channel : recorded channel without which the effect cannot be named ("position", "pressure" or "").
+    signs : sign of each column's coefficient, +1 or -1 where physics fixes it, 0 where it is free.
+    fixed_gain : True where the columns are the whole change (coefficient one), as for a delay.
+    refined : grid parameters that the diagnosis refines continuously after naming, with their bounds.
+    """
+
+    name: ClassVar[str]
+    family: ClassVar[str]
+    stage: ClassVar[str]
+    keys: ClassVar[tuple[Key, ...]]
+    size_key: ClassVar[str]
+    linear: ClassVar[bool] = True
+    words: ClassVar[Words]
+    reveals: ClassVar[str] = "time_s"
+    channel: ClassVar[str] = ""
+    signs: ClassVar[tuple[int, ...]] = (0,)
+    fixed_gain: ClassVar[bool] = False
+    refined: ClassVar[tuple[str, ...]] = ()
+
+    def __init__(self, size: float | None = None, **values: object) -> None:
+        known = {key.name: key for key in self.keys}
+        for name in values:
+            if name not in known:
+                raise ConfigError(f"effect {self.name} has no key {name!r}: it has {', '.join([*known, 'size'])}")
+        self.values: dict[str, float] = {
+            name: key.checked(self.name, values.get(name, key.default)) for name, key in known.items()
+        }
+        if size is not None and (not math.isfinite(size) or not 0.0 < size <= 1.0):
+            raise ConfigError(f"effect {self.name}: size={size:g} is out of range (0, 1] (rms over rms of friction)")
+        self.size = size
+
+    def __getitem__(self, key: str) -> float:
+        return self.values[key]
+
+    def with_values(self, **values: float) -> Self:
+        """Return the effect with some values replaced and the size settled."""
+        return type(self)(**(self.values | values))
+
+    @property
+    def spec(self) -> str:
+        """The effect as `parse_effect` reads it."""
+        parts = [f"{name}={value!r}" for name, value in self.values.items()]
+        return f"{self.name}:{','.join(parts)}" if parts else self.name
+
+    # Simulation
+
+    def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:
+        """Return the trace with the effect in it; the input stays as it is."""
+        raise NotImplementedError
+
+    def change(self, before: Trace, after: Trace) -> Floats:
+        """Return the change of friction that counts for `size`, (n,), N."""
+        return after.friction_N - before.friction_N
+
+    # Regressor
+
+    @classmethod
+    def grid(cls, context: Context) -> list[dict[str, float]]:  # noqa: ARG003
+        """Return the parameter sets that the diagnosis tries first; empty: no regressor (repair or variance)."""
+        return []
+
+    @classmethod
+    def bounds(cls, name: str, context: Context) -> tuple[float, float]:
+        """Return the range in which a `refined` parameter is sought."""
+        values = [point[name] for point in cls.grid(context)]
+        return (min(values) / 2.0, max(values) * 2.0)
+
+    @classmethod
+    def columns(cls, params: Params) -> "Columns":
+        """Return the causal machine that makes the columns for one parameter set."""
+        raise NotImplementedError
+
+    @classmethod
+    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
+        """Return fitted quantities in the names of the keys: name -> (value, unit)."""
+        return {name: (value, _unit(cls, name)) for name, value in params.items()}
+
+
+class Columns:
+    """Columns of an effect as a causal machine: fed with consecutive pieces, it gives what one piece would.
+
+    Parameters
+    ----------
+    compute : (features, reference, state) -> (n, size), N; `state` is carried from piece to piece.
+    size : number of columns.
+    state : number of state variables.
+    """
+
+    def __init__(self, compute: Callable[[Features, Reference, Floats], Floats], size: int = 1, state: int = 0) -> None:
+        self._compute = compute
+        self.size = size
+        self._state = np.zeros(state)
+
+    def restart(self) -> None:
+        """Forget the past."""
+        self._state[:] = 0.0
+
+    def __call__(self, features: Features, reference: Reference) -> Floats:
+        """Return the columns for the next samples, (n, size), N per unit of their coefficient."""
+        out = self._compute(features, reference, self._state)
+        return out.reshape(features.size, self.size)
+
+
+def _unit(cls: type[Effect], name: str) -> str:
+    return next((key.unit for key in cls.keys if key.name == name), "")
+
+
+EFFECTS: Registry[type[Effect]] = Registry("effect")
+
+
+def effect(cls: type[Effect]) -> type[Effect]:
+    """Register an effect class under its name (decorator)."""
+    if cls.stage not in STAGES:
+        raise ValueError(f"effect {cls.name} has the unknown stage {cls.stage!r}")
+    EFFECTS.register(cls.name, cls)
+    return cls
+
+
+def parse_effect(text: str) -> Effect:
+    """Return the effect that `NAME` or `NAME:key=value,key=value` describes; `size=R` is a key of each.
+
+    Raises
+    ------
+    ConfigError : unknown name, unknown key, or a value out of range; one line.
+
+    Examples
+    --------
+    >>> from friction_estimator.effects import parse_effect
+    >>> parse_effect("inertia:mass=2").values
+    {'mass': 2.0}
+    """
+    name, _, rest = text.strip().partition(":")
+    cls = EFFECTS[name.strip()]
+    values: dict[str, str] = {}
+    for part in filter(None, (p.strip() for p in rest.split(","))):
+        key, equals, value = part.partition("=")
+        if not equals:
+            raise ConfigError(f"effect {text!r}: {part!r} is not key=value")
+        if key.strip() in values:
+            raise ConfigError(f"effect {text!r}: {key.strip()} is given twice")
+        values[key.strip()] = value.strip()
+    size: Any = values.pop("size", None)
+    if size is not None:
+        try:
+            size = float(size)
+        except ValueError:
+            raise ConfigError(f"effect {name}: size={size!r} is no number") from None
+    return cls(size=size, **values)
+
+
+def list_effects() -> list[dict[str, Any]]:
+    """Return the catalogue as plain data: name, family, stage, keys with unit and range, words."""
+    return [
+        {
+            "name": cls.name,
+            "family": cls.family,
+            "stage": cls.stage,
+            "what": cls.words.what,
+            "where": cls.words.where,
+            "confused_with": dict(cls.words.confused_with),
+            "needs_channel": cls.channel or None,
+            "keys": [
+                {
+                    "name": key.name,
+                    "unit": key.unit,
+                    "default": key.default,
+                    "range": [key.low, key.high],
+                    "description": key.description,
+                }
+                for key in (*cls.keys, SIZE)
+            ],
+        }
+        for cls in EFFECTS.values()
+    ]
+
+
+SIZE = Key("size", "", 0.04, 0.0, 1.0, "rms of the change over the rms of the clean friction; replaces the size key")
+
+
+def chosen(values: Iterable[float], name: str) -> list[dict[str, float]]:
+    """Return a one-parameter grid.
+
+    >>> chosen([1, 2], "delay")
+    [{'delay': 1.0}, {'delay': 2.0}]
+    """
+    return [{name: float(value)} for value in values]

@@ -1,0 +1,217 @@
+"""Compiled, causal state machines behind the dynamic effects and their regressors."""
+
+import numpy as np
+from numba import njit
+
+from friction_estimator.effects.reference import lookup
+
+FINEST_STEP = 2.5e-4
+"""Samples further apart are divided into steps of this length, s: velocity is taken as linear between samples."""
+
+MOST_STEPS = 64
+
+RING = 256
+"""Length of a delay line, in samples."""
+
+
+@njit(cache=True)
+def hysteron(step, previous, velocity, length, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Bristle dz = (v - |v| z) / length dt, exact in distance; out = z - sgn(v). state = [z, direction].
+
+    After a reversal from saturation z - sgn(v) = -2 sgn(v) exp(-d_rev / length).
+    """
+    for k in range(velocity.size):
+        v0, v1, dt = previous[k], velocity[k], step[k]
+        if v0 * v1 < 0.0:
+            part = v0 / (v0 - v1)
+            moved = 0.5 * abs(v0) * dt * part
+            old = 1.0 if v0 > 0.0 else -1.0
+            state[0] = old + (state[0] - old) * np.exp(-moved / length)
+            moved = 0.5 * abs(v1) * dt * (1.0 - part)
+        else:
+            moved = 0.5 * abs(v0 + v1) * dt
+        if v1 != 0.0:
+            way = 1.0 if v1 > 0.0 else -1.0
+        elif v0 != 0.0:
+            way = 1.0 if v0 > 0.0 else -1.0
+        else:
+            way = state[1]
+        if state[1] == 0.0:
+            state[0] = way
+        state[1] = way
+        state[0] = way + (state[0] - way) * np.exp(-moved / length)
+        out[k] = state[0] - way
+
+
+@njit(cache=True)
+def slip_chain(step, previous, velocity, length, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Elastic-slip element z = clip(z + dx / (length / 2), -1, 1); out = z - sgn(v). state = [z, direction]."""
+    for k in range(velocity.size):
+        moved = 0.5 * (previous[k] + velocity[k]) * step[k]
+        if state[1] == 0.0 and velocity[k] != 0.0:
+            state[0] = 1.0 if velocity[k] > 0.0 else -1.0
+        if velocity[k] != 0.0:
+            state[1] = 1.0 if velocity[k] > 0.0 else -1.0
+        state[0] = min(1.0, max(-1.0, state[0] + 2.0 * moved / length))
+        out[k] = state[0] - state[1]
+
+
+@njit(cache=True)
+def play(step, previous, velocity, gap, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Gap between drive and seal: out = 1 where it is open. state = [place in the gap 0..gap, moved yet]."""
+    for k in range(velocity.size):
+        v0, v1, dt = previous[k], velocity[k], step[k]
+        if state[1] == 0.0 and v1 != 0.0:
+            state[0] = gap if v1 > 0.0 else 0.0
+            state[1] = 1.0
+        if v0 * v1 < 0.0:
+            part = v0 / (v0 - v1)
+            state[0] = min(gap, max(0.0, state[0] + 0.5 * v0 * dt * part))
+            state[0] = min(gap, max(0.0, state[0] + 0.5 * v1 * dt * (1.0 - part)))
+        else:
+            state[0] = min(gap, max(0.0, state[0] + 0.5 * (v0 + v1) * dt))
+        open_ = (v1 > 0.0 and state[0] < gap) or (v1 < 0.0 and state[0] > 0.0)
+        out[k] = 1.0 if open_ else 0.0
+
+
+@njit(cache=True)
+def rest_spike(step, previous, velocity, length, rest_speed, exponent, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """out = sgn(v) dwell^exponent exp(-d_rev / length); dwell: time at |v| < rest_speed before the reversal, s.
+
+    state = [dwell running, dwell of the last reversal, d_rev, direction].
+    """
+    for k in range(velocity.size):
+        v0, v1, dt = previous[k], velocity[k], step[k]
+        reversed_ = v1 != 0.0 and state[3] != 0.0 and (v1 > 0.0) != (state[3] > 0.0)
+        slope = abs(v1 - v0)
+        if v0 * v1 < 0.0:
+            part = v0 / (v0 - v1)
+            slow = dt if slope == 0.0 else min(part * dt, rest_speed / slope * dt)
+            state[0] += slow
+            moved = 0.5 * abs(v1) * dt * (1.0 - part)
+        else:
+            moved = 0.5 * abs(v0 + v1) * dt
+            if min(abs(v0), abs(v1)) < rest_speed:
+                if max(abs(v0), abs(v1)) <= rest_speed:
+                    state[0] += dt
+                else:
+                    state[0] += dt * (rest_speed - min(abs(v0), abs(v1))) / slope
+        if reversed_:
+            state[1] = state[0]
+            state[0] = 0.0
+            state[2] = moved
+        else:
+            state[2] += moved
+        if v1 != 0.0:
+            state[3] = 1.0 if v1 > 0.0 else -1.0
+        if abs(v1) > rest_speed:
+            state[0] = 0.0
+        out[k] = 0.0
+        if state[1] > 0.0:
+            out[k] = state[3] * state[1] ** exponent * np.exp(-state[2] / length)
+
+
+@njit(cache=True)
+def _steps(dt):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    return max(1, min(MOST_STEPS, int(np.ceil(dt / FINEST_STEP - 1e-9))))
+
+
+@njit(cache=True)
+def force_lag(step, previous, velocity, pressure, tau, table, pressures, bend, reach, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """First-order lag of F(v(t), p): out = LP(F) - F. state = [y, F at the last step, started].
+
+    F is linear within a step, for which the lag's answer is exact.
+    """
+    for k in range(velocity.size):
+        now = lookup(table, pressures, bend, reach, velocity[k], pressure[k])
+        if step[k] <= 0.0 or state[2] == 0.0:
+            state[0] = now
+            state[1] = now
+            state[2] = 1.0
+            out[k] = 0.0
+            continue
+        count = _steps(step[k])
+        dt = step[k] / count
+        decay = np.exp(-dt / tau)
+        for i in range(1, count + 1):
+            v = previous[k] + (velocity[k] - previous[k]) * i / count
+            f = now if i == count else lookup(table, pressures, bend, reach, v, pressure[k])
+            slope = (f - state[1]) / dt
+            state[0] = f - slope * tau + (state[0] - state[1] + slope * tau) * decay
+            state[1] = f
+        out[k] = state[0] - now
+
+
+@njit(cache=True)
+def force_delay(step, velocity, pressure, delay, table, pressures, bend, reach, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """F(v(t - delay)) - F(v(t)), velocity linear between samples; state = [count, ring of steps, ring of velocities].
+
+    Before the delay line is filled the oldest velocity holds.
+    """
+    for k in range(velocity.size):
+        if step[k] <= 0.0:
+            state[0] = 0.0
+        count = int(state[0])
+        place = count % RING
+        state[1 + place] = step[k]
+        state[1 + RING + place] = velocity[k]
+        state[0] = float(count + 1)
+        left = delay
+        v = velocity[k]
+        back = 0
+        while back < RING - 1:
+            row = (count - back) % RING
+            dt = state[1 + row]
+            if count - back <= 0 or dt <= 0.0:
+                v = state[1 + RING + row]
+                break
+            if left <= dt:
+                v0 = state[1 + RING + (row - 1) % RING]
+                v1 = state[1 + RING + row]
+                v = v1 + (v0 - v1) * left / dt
+                break
+            left -= dt
+            back += 1
+        out[k] = lookup(table, pressures, bend, reach, v, pressure[k]) - lookup(
+            table, pressures, bend, reach, velocity[k], pressure[k]
+        )
+
+
+@njit(cache=True)
+def film_lag(step, previous, velocity, pressure, tau, sign_velocity, table, pressures, bend, reach, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """S(v) (M(u) - M(|v|)), u the first-order lag of |v|, M(u) = F(u) / tanh(u / v_s). state = [u, started]."""
+    for k in range(velocity.size):
+        speed = abs(velocity[k])
+        if step[k] <= 0.0 or state[1] == 0.0:
+            state[0] = speed
+            state[1] = 1.0
+            out[k] = 0.0
+            continue
+        count = _steps(step[k])
+        dt = step[k] / count
+        decay = np.exp(-dt / tau)
+        last = abs(previous[k])
+        for i in range(1, count + 1):
+            s = abs(previous[k] + (velocity[k] - previous[k]) * i / count)
+            slope = (s - last) / dt
+            state[0] = s - slope * tau + (state[0] - last + slope * tau) * decay
+            last = s
+        film = max(state[0], 1e-3 * sign_velocity)
+        floor = max(speed, 1e-3 * sign_velocity)
+        lagged = lookup(table, pressures, bend, reach, film, pressure[k]) / np.tanh(film / sign_velocity)
+        steady = lookup(table, pressures, bend, reach, floor, pressure[k]) / np.tanh(floor / sign_velocity)
+        out[k] = np.tanh(velocity[k] / sign_velocity) * (lagged - steady)
+
+
+@njit(cache=True)
+def maxwell(step, previous, velocity, tau, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Maxwell element z' = v - z / tau, exact for velocity linear between samples; out = z, m. state = [z]."""
+    for k in range(velocity.size):
+        dt = step[k]
+        if dt > 0.0:
+            decay = np.exp(-dt / tau)
+            slope = (velocity[k] - previous[k]) / dt
+            steady0 = tau * (previous[k] - slope * tau)
+            steady1 = tau * (velocity[k] - slope * tau)
+            state[0] = steady1 + (state[0] - steady0) * decay
+        out[k] = state[0]

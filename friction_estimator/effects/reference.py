@@ -1,0 +1,111 @@
+"""The friction that dynamic regressors are made from: tables of the fitted static force and of its parts."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from friction_estimator.core.sample import Floats
+
+VELOCITIES = 801
+BEND = 200.0
+"""Table velocities are asinh-spaced, finest near standstill: v_max / BEND is where the spacing begins to grow."""
+
+FORCE, VISCOUS, BOUNDARY = range(3)
+
+Surface = Callable[[Floats, Floats], Floats]
+"""(velocity m/s, gauge pressure Pa) -> friction N, elementwise."""
+
+
+@njit(cache=True)
+def lookup(table, pressures, bend, reach, velocity, pressure):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return the bilinear interpolation of table[pressure, velocity]; both are held at the edges."""
+    steps = table.shape[1] - 1
+    place = (np.arcsinh(velocity / bend) / reach + 1.0) * 0.5 * steps
+    place = min(max(place, 0.0), float(steps))
+    i = min(int(place), steps - 1)
+    part = place - i
+    if pressures.size == 1:
+        return table[0, i] * (1.0 - part) + table[0, i + 1] * part
+    j = 0
+    while j < pressures.size - 2 and pressure > pressures[j + 1]:
+        j += 1
+    q = (pressure - pressures[j]) / (pressures[j + 1] - pressures[j])
+    q = min(max(q, 0.0), 1.0)
+    below = table[j, i] * (1.0 - part) + table[j, i + 1] * part
+    above = table[j + 1, i] * (1.0 - part) + table[j + 1, i + 1] * part
+    return below * (1.0 - q) + above * q
+
+
+@njit(cache=True)
+def _lookups(table, pressures, bend, reach, velocity, pressure, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    for k in range(velocity.size):
+        out[k] = lookup(table, pressures, bend, reach, velocity[k], pressure[k])
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Static force of the fitted base model and its viscous and boundary parts, tabulated.
+
+    Attributes
+    ----------
+    tables : (3, n_pressures, VELOCITIES): the force F(v, p), N; its derivative with respect to the logarithm of the
+        viscosity, N; and with respect to the logarithm of the boundary friction coefficient, N.
+    pressures_Pa : (n_pressures,), increasing gauge pressures.
+    bend_m_s : velocity at which the asinh spacing bends.
+    top_m_s : largest velocity of the table.
+    sign_velocity_m_s : v_s of the smooth sign tanh(v / v_s).
+    """
+
+    tables: Floats
+    pressures_Pa: Floats
+    bend_m_s: float
+    top_m_s: float
+    sign_velocity_m_s: float
+
+    @classmethod
+    def tabulate(
+        cls,
+        force: Surface,
+        viscous: Surface | None,
+        boundary: Surface | None,
+        top_m_s: float,
+        pressures_Pa: Floats,
+        sign_velocity_m_s: float,
+    ) -> "Reference":
+        """Tabulate three surfaces.
+
+        Without a theory the parts are taken as the viscous v and the Coulomb tanh(v / v_s), both scaled to the force.
+        """
+        bend = top_m_s / BEND
+        velocity = bend * np.sinh(np.linspace(-1.0, 1.0, VELOCITIES) * np.arcsinh(BEND))
+        scale = float(np.max(np.abs(force(np.array([top_m_s]), pressures_Pa[:1])))) or 1.0
+        viscous = viscous or (lambda v, p: scale * v / top_m_s + 0.0 * p)
+        boundary = boundary or (lambda v, p: scale * np.tanh(v / sign_velocity_m_s) + 0.0 * p)
+        tables = np.array(
+            [
+                [surface(velocity, np.full(velocity.size, p)) for p in pressures_Pa]
+                for surface in (force, viscous, boundary)
+            ]
+        )
+        return cls(tables, np.asarray(pressures_Pa, np.float64), bend, top_m_s, sign_velocity_m_s)
+
+    @property
+    def reach(self) -> float:
+        """asinh(top / bend)."""
+        return float(np.arcsinh(self.top_m_s / self.bend_m_s))
+
+    def part(self, which: int, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
+        """Return FORCE, VISCOUS or BOUNDARY at the given points, (n,), N."""
+        out = np.empty(velocity_m_s.size)
+        _lookups(self.tables[which], self.pressures_Pa, self.bend_m_s, self.reach, velocity_m_s, pressure_Pa, out)
+        return out
+
+    def force(self, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
+        """Return F(v, p), (n,), N."""
+        return self.part(FORCE, velocity_m_s, pressure_Pa)
+
+    def smooth_sign(self, velocity_m_s: Floats) -> Floats:
+        """Return S = tanh(v / v_s), (n,)."""
+        return np.asarray(np.tanh(velocity_m_s / self.sign_velocity_m_s))

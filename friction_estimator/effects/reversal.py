@@ -1,0 +1,249 @@
+"""What happens at and after a reversal: breakaway, presliding, backlash, stick-slip."""
+
+import numpy as np
+
+from friction_estimator.core.sample import Floats
+from friction_estimator.effects.base import Columns, Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.features import Context, Features
+from friction_estimator.effects.kernels import hysteron, play, rest_spike, slip_chain
+from friction_estimator.effects.reference import Reference
+from friction_estimator.effects.trace import Trace
+
+LENGTHS = (4e-6, 8e-6, 16e-6, 32e-6, 64e-6, 128e-6, 256e-6, 512e-6)
+"""Distances after a reversal that the diagnosis tries first, m."""
+
+
+@effect
+class Breakaway(Effect):
+    """A(dwell) sgn(v) exp(-d_rev / L), A > 0."""
+
+    name = "breakaway"
+    family = "reversal"
+    stage = "friction"
+    keys = (
+        Key("amplitude", "N", 2.0, 0.0, 1e6, "height of the spike after 0.1 s of rest"),
+        Key("length", "m", 3e-5, 1e-7, 1.0, "distance over which it decays"),
+        Key("rest_speed", "m/s", 2e-3, 1e-9, 1.0, "slower than this counts as rest"),
+        form_key("grows with the logarithm of the dwell time instead of its square root"),
+    )
+    size_key = "amplitude"
+    reveals = "since_reversal_m"
+    words = Words(
+        "the seal sticks while it rests: breaking away costs more force than running",
+        "a positive spike just after each reversal, higher after a longer rest",
+        {
+            "presliding": "the sign of the spike: breakaway adds force, presliding lacks it",
+            "frictional_lag": "vary the dwell at the reversal: only a breakaway force grows with it",
+            "squeeze_film": "vary the dwell at the reversal",
+        },
+    )
+
+    def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:  # noqa: ARG002
+        """Add the spike; its height is 1 at a dwell of 0.1 s."""
+        step, before = _steps(trace)
+        exponent = 1e-3 if self["form"] >= 0.5 else 0.5
+        out = np.empty(step.size)
+        rest_spike(step, before, trace.velocity_m_s, self["length"], self["rest_speed"], exponent, np.zeros(4), out)
+        if self["form"] >= 0.5:
+            # d^e = 1 + e ln d: the logarithm without a second machine.
+            with np.errstate(divide="ignore", invalid="ignore"):
+                decay = np.where(out == 0.0, 0.0, np.abs(out))
+            dwell = np.empty(step.size)
+            rest_spike(step, before, trace.velocity_m_s, 1e30, self["rest_speed"], 1.0, np.zeros(4), dwell)
+            height = np.log1p(np.abs(dwell) / 0.02) / np.log1p(5.0)
+            out = np.sign(out) * decay * height
+        else:
+            out = out / np.sqrt(0.1)
+        return trace.with_friction(trace.friction_N + self["amplitude"] * out)
+
+    @classmethod
+    def grid(cls, context: Context) -> list[dict[str, float]]:
+        """Lengths from 4 um to 0.5 mm, growth with the dwell from slow to fast."""
+        rest = context.sign_velocity_m_s
+        return [
+            {"length": length, "exponent": power, "rest_speed": rest} for length in LENGTHS for power in (0.25, 0.5)
+        ]
+
+    @classmethod
+    def columns(cls, params: Params) -> Columns:
+        """Return sgn(v) (dwell / 0.1 s)^exponent exp(-d_rev / L)."""
+
+        def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
+            out = np.empty(f.size)
+            length, power = params["length"], params["exponent"]
+            rest_spike(f.step_s, f.previous_m_s, f.velocity_m_s, length, params["rest_speed"], power, s, out)
+            return np.asarray(out * 0.1**-power)
+
+        return Columns(compute, state=4)
+
+    @classmethod
+    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
+        """Height after 0.1 s of rest, and length."""
+        return {"amplitude": (float(weights[0]), "N"), "length": (params["length"], "m")}
+
+    signs = (1,)
+    refined = ("length",)
+
+
+@effect
+class Presliding(Effect):
+    """Bristle dz = v - c |v| z."""
+
+    name = "presliding"
+    family = "reversal"
+    stage = "friction"
+    keys = (
+        Key("amplitude", "N", 1.0, 0.0, 1e6, "friction that the bristles carry"),
+        Key("length", "m", 3e-5, 1e-7, 1.0, "bristle length: distance over which they bend"),
+        form_key("elastic-slip (a straight ramp of the same area) instead of an exponential"),
+    )
+    size_key = "amplitude"
+    reveals = "since_reversal_m"
+    words = Words(
+        "the contact is elastic: after a reversal friction builds up over a small distance",
+        "a negative spike after each reversal that decays over the same distance at every speed",
+        {
+            "backlash": "the shape: a gap gives a box, bristles an exponential",
+            "time_delay": "two periods: presliding is the same distance, a delay the same time",
+            "sensor_lowpass": "two periods: presliding is the same distance, a filter the same time",
+            "squeeze_film": "two periods",
+        },
+    )
+
+    def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:  # noqa: ARG002
+        """Take away what the bristles do not carry yet."""
+        step, before = _steps(trace)
+        out = np.empty(step.size)
+        if self["form"] >= 0.5:
+            slip_chain(step, before, trace.velocity_m_s, 2.0 * self["length"], np.zeros(2), out)
+        else:
+            hysteron(step, before, trace.velocity_m_s, self["length"], np.zeros(2), out)
+        return trace.with_friction(trace.friction_N + self["amplitude"] * out)
+
+    @classmethod
+    def grid(cls, context: Context) -> list[dict[str, float]]:  # noqa: ARG003
+        """Lengths from 4 um to 0.5 mm."""
+        return chosen(LENGTHS, "length")
+
+    @classmethod
+    def columns(cls, params: Params) -> Columns:
+        """Return z - sgn(v)."""
+
+        def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
+            out = np.empty(f.size)
+            hysteron(f.step_s, f.previous_m_s, f.velocity_m_s, params["length"], s, out)
+            return out
+
+        return Columns(compute, state=2)
+
+    @classmethod
+    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
+        """Force of the bristles and their length."""
+        return {"amplitude": (float(weights[0]), "N"), "length": (params["length"], "m")}
+
+    signs = (1,)
+    refined = ("length",)
+
+
+@effect
+class Backlash(Effect):
+    """The seal stands while the gap is open."""
+
+    name = "backlash"
+    family = "reversal"
+    stage = "mechanics"
+    keys = (
+        Key("gap", "m", 2e-5, 0.0, 1.0, "play between drive and seal"),
+        Key("drag", "N", 0.0, 0.0, 1e6, "force lost in the open gap beyond the friction itself"),
+        form_key("the last tenth of the gap closes softly"),
+    )
+    size_key = "gap"
+    linear = False
+    reveals = "since_reversal_m"
+    words = Words(
+        "play between drive and seal: after a reversal the seal stands until the gap is closed",
+        "a box in the residual over a fixed distance after each reversal",
+        {
+            "presliding": "the shape: a gap gives a box, bristles an exponential",
+            "time_delay": "two periods: a gap is the same distance, a delay the same time",
+        },
+    )
+
+    def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:  # noqa: ARG002
+        """Take away the friction while the gap is open."""
+        step, before = _steps(trace)
+        gap, drag = self["gap"], self["drag"]
+        if gap <= 0.0:
+            return trace
+        parts = np.linspace(0.9, 1.0, 5) if self["form"] >= 0.5 else np.array([1.0])
+        open_ = np.zeros(step.size)
+        for part in parts:
+            out = np.empty(step.size)
+            play(step, before, trace.velocity_m_s, part * gap, np.zeros(2), out)
+            open_ += out / parts.size
+        lost = trace.friction_N + drag * np.sign(trace.velocity_m_s)
+        return trace.with_friction(trace.friction_N - lost * open_)
+
+    @classmethod
+    def grid(cls, context: Context) -> list[dict[str, float]]:  # noqa: ARG003
+        """Gaps from 1.5 um to 1.5 mm."""
+        return chosen(1.5e-6 * 10.0 ** np.arange(0.0, 3.01, 0.25), "gap")
+
+    @classmethod
+    def columns(cls, params: Params) -> Columns:
+        """Return -F 1(d_rev < gap)."""
+
+        def compute(f: Features, r: Reference, s: Floats) -> Floats:
+            out = np.empty(f.size)
+            play(f.step_s, f.previous_m_s, f.velocity_m_s, params["gap"], s, out)
+            return -out * r.force(f.velocity_m_s, f.pressure_Pa)
+
+        return Columns(compute, state=2)
+
+    signs = (1,)
+    fixed_gain = True
+    refined = ("gap",)
+
+
+@effect
+class StickSlip(Effect):
+    """Random-phase burst after each reversal."""
+
+    name = "stick_slip"
+    family = "variance"
+    stage = "friction"
+    keys = (
+        Key("amplitude", "N", 1.0, 0.0, 1e6, "amplitude of a burst"),
+        Key("frequency", "Hz", 37.0, 0.1, 1e5, "frequency of the burst"),
+        Key("decay", "s", 0.06, 1e-4, 100.0, "time over which it decays after the reversal"),
+        form_key("saw-tooth instead of sine"),
+    )
+    size_key = "amplitude"
+    reveals = "since_reversal_s"
+    words = Words(
+        "stick-slip: the seal chatters after reversals, differently each time",
+        "residual variance is high at low speed after reversals and not repeatable from cycle to cycle",
+        {"velocity_noise": "the variance does not follow (dF/dv)^2; look at the velocity channel's third difference"},
+    )
+
+    def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:
+        """Add bursts."""
+        velocity, step = trace.velocity_m_s, trace.step_s
+        sign = np.sign(velocity)
+        turns = np.flatnonzero((sign[1:] * sign[:-1] < 0) | ((sign[1:] != 0) & (sign[:-1] == 0))) + 1
+        phase = rng.uniform(0.0, 2.0 * np.pi, turns.size)
+        force = trace.friction_N.copy()
+        reach = int(8.0 * self["decay"] / step) + 1
+        for start, begin in zip(turns.tolist(), phase.tolist(), strict=True):
+            since = step * np.arange(min(reach, force.size - int(start)))
+            angle = 2.0 * np.pi * self["frequency"] * since + begin
+            wave = 2.0 * np.mod(angle / (2.0 * np.pi), 1.0) - 1.0 if self["form"] >= 0.5 else np.sin(angle)
+            force[start : start + since.size] += self["amplitude"] * wave * np.exp(-since / self["decay"])
+        return trace.with_friction(force)
+
+
+def _steps(trace: Trace) -> tuple[Floats, Floats]:
+    """Return the time steps (0 first) and the velocities before."""
+    step = np.full(trace.time_s.size, trace.step_s)
+    step[0] = 0.0
+    return step, np.concatenate([trace.velocity_m_s[:1], trace.velocity_m_s[:-1]])

@@ -1,0 +1,191 @@
+"""What the static curve hides: direction, position, pressure."""
+
+import numpy as np
+
+from friction_estimator.core.sample import Floats
+from friction_estimator.effects.base import Columns, Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.features import Context, Features
+from friction_estimator.effects.reference import Reference
+from friction_estimator.effects.trace import Trace
+
+
+@effect
+class DirectionAsymmetry(Effect):
+    """F(+v) differs from -F(-v)."""
+
+    name = "direction_asymmetry"
+    family = "bias"
+    stage = "friction"
+    keys = (
+        Key("asymmetry", "", 0.1, -1.9, 1.9, "relative difference of the friction between the directions"),
+        form_key("only the viscous slope differs: proportional to |v| |F|"),
+    )
+    size_key = "asymmetry"
+    reveals = "velocity_m_s"
+    words = Words(
+        "friction differs between extending and retracting",
+        "the static curve has an even part that vanishes at standstill",
+        {"sensor_bias": "look at the samples at standstill: an asymmetry vanishes there, a bias does not"},
+    )
+
+    def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:  # noqa: ARG002
+        """Scale the directions apart."""
+        half = 0.5 * self["asymmetry"] * np.sign(trace.velocity_m_s)
+        if self["form"] >= 0.5:
+            half = half * np.sqrt(np.abs(trace.velocity_m_s) / np.abs(trace.velocity_m_s).max())
+        return trace.with_friction(trace.friction_N * (1.0 + half))
+
+    @classmethod
+    def grid(cls, context: Context) -> list[dict[str, float]]:  # noqa: ARG003
+        """Shapes: |F| alone, or with |v| S; S^2 with |v|."""
+        return chosen([0.0, 1.0], "shape")
+
+    @classmethod
+    def columns(cls, params: Params) -> Columns:
+        """Return |F| / 2, or [|F| / 2, |v| |F|]."""
+
+        def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
+            force = 0.5 * np.abs(r.force(f.velocity_m_s, f.pressure_Pa))
+            if params["shape"] < 0.5:
+                return force
+            return np.column_stack([force, force * np.sqrt(np.abs(f.velocity_m_s) / r.top_m_s)])
+
+        return Columns(compute, 1 if params["shape"] < 0.5 else 2)
+
+    @classmethod
+    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
+        """Relative difference."""
+        return {"asymmetry": (float(np.sum(weights)), "")}
+
+    signs = (0, 0)
+
+
+@effect
+class PositionDependence(Effect):
+    """F m(x) or a force m(x)."""
+
+    name = "position_dependence"
+    family = "position"
+    stage = "friction"
+    channel = "position"
+    keys = (
+        Key("amplitude", "N", 0.3, 0.0, 1e6, "amplitude of the ripple"),
+        Key("wavelength", "m", 5e-3, 1e-6, 100.0, "its wavelength"),
+        Key("phase", "rad", 0.0, -10.0, 10.0, "its phase at position 0"),
+        form_key("modulates the friction instead of adding a force"),
+    )
+    size_key = "amplitude"
+    reveals = "position_m"
+    words = Words(
+        "friction depends on the place: scoring, ovality, pitch of a screw",
+        "the residual repeats with position, in each direction",
+        {"periodic_disturbance": "change the speed or the stroke's centre: a position pattern stays in place"},
+    )
+
+    def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:  # noqa: ARG002
+        """Add the ripple."""
+        wave = np.cos(2.0 * np.pi * trace.position_m / self["wavelength"] + self["phase"])
+        if self["form"] >= 0.5:
+            rms = float(np.sqrt(np.mean(np.square(trace.friction_N)))) or 1.0
+            wave = wave * trace.friction_N / rms
+        return trace.with_friction(trace.friction_N + self["amplitude"] * wave)
+
+    @classmethod
+    def grid(cls, context: Context) -> list[dict[str, float]]:
+        """Wavelengths between 1/80 and twice the stroke, evenly in wave number, half a wave apart at most."""
+        if context.stroke_m <= 0.0:
+            return []
+        waves = np.concatenate([np.arange(0.5, 20.0, 0.25), np.arange(20.0, 80.0, 0.5)])
+        return chosen(context.stroke_m / waves, "wavelength")
+
+    @classmethod
+    def columns(cls, params: Params) -> Columns:
+        """Return cos and sin of 2 pi x / L in each direction."""
+
+        def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
+            angle = 2.0 * np.pi * f.position_m / params["wavelength"]
+            forward = f.direction > 0.0
+            wave = np.column_stack([np.cos(angle), np.sin(angle)])
+            return np.column_stack([wave * forward[:, None], wave * ~forward[:, None]])
+
+        return Columns(compute, 4)
+
+    @classmethod
+    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
+        """Amplitude in each direction and wavelength."""
+        return {
+            "amplitude_forward": (float(np.hypot(weights[0], weights[1])), "N"),
+            "amplitude_backward": (float(np.hypot(weights[2], weights[3])), "N"),
+            "wavelength": (params["wavelength"], "m"),
+        }
+
+    signs = (0, 0, 0, 0)
+    refined = ("wavelength",)
+
+
+@effect
+class PressureDependence(Effect):
+    """(p - pm) (alpha v + beta S)."""
+
+    name = "pressure_dependence"
+    family = "pressure"
+    stage = "friction"
+    channel = "pressure"
+    keys = (
+        Key("boundary", "N/Pa", 1e-6, -1e3, 1e3, "change of the Coulomb level per pressure"),
+        Key("viscous", "N s/m/Pa", 0.0, -1e6, 1e6, "change of the viscous slope per pressure"),
+        form_key("with the square root of the pressure"),
+    )
+    size_key = "boundary"
+    reveals = "pressure_Pa"
+    words = Words(
+        "friction depends on the sealed pressure in another way than the theory says",
+        "recordings at different pressures are shifted against each other",
+        {
+            "gain_step": "randomise the order of the pressures, and come back to the first",
+            "saturation": "look at the histogram of the force",
+            "wear": "randomise the order of the pressures",
+            "sensor_drift": "randomise the order of the pressures",
+        },
+    )
+
+    def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:  # noqa: ARG002
+        """Add the term."""
+        pressure = trace.pressure_Pa
+        if self["form"] >= 0.5:
+            top = max(float(pressure.max()), 1.0)
+            pressure = top * np.sqrt(np.maximum(pressure, 0.0) / top)
+        lift = pressure - pressure.mean()
+        shape = self["boundary"] * np.tanh(trace.velocity_m_s / 2e-3) + self["viscous"] * trace.velocity_m_s
+        return trace.with_friction(trace.friction_N + lift * shape)
+
+    @classmethod
+    def grid(cls, context: Context) -> list[dict[str, float]]:
+        """About the mean pressure."""
+        if context.pressure_span_Pa <= 0.02 * max(abs(context.pressure_mean_Pa), 1.0):
+            return []
+        return [
+            {"mean": context.pressure_mean_Pa, "viscous": 0.0},
+            {"mean": context.pressure_mean_Pa, "viscous": 1.0},
+        ]
+
+    @classmethod
+    def columns(cls, params: Params) -> Columns:
+        """Return (p - pm) S, and (p - pm) v."""
+
+        def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
+            lift = f.pressure_Pa - params["mean"]
+            level = lift * r.smooth_sign(f.velocity_m_s)
+            return np.column_stack([level, lift * f.velocity_m_s]) if params["viscous"] >= 0.5 else level
+
+        return Columns(compute, 2 if params["viscous"] >= 0.5 else 1)
+
+    @classmethod
+    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
+        """Change of level, and of slope, per pressure."""
+        fitted = {"boundary": (float(weights[0]), "N/Pa")}
+        if len(weights) > 1:
+            fitted["viscous"] = (float(weights[1]), "N s/m/Pa")
+        return fitted
+
+    signs = (0, 0)
