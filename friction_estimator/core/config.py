@@ -197,14 +197,16 @@ class InputConfig:
         "stamped (TwistStamped and WrenchStamped, paired by stamp), joint_state (one JointState) or float64 "
         "(two Float64, paired by receive time).",
         choices=("stamped", "joint_state", "float64"),
+        live=True,
     )
-    axis: str = setting("x", "Axis of twist.linear and wrench.force.", choices=("x", "y", "z"))
-    joint: str = setting("", "Joint name in JointState messages; empty: the only joint.")
+    axis: str = setting("x", "Axis of twist.linear and wrench.force.", choices=("x", "y", "z"), live=True)
+    joint: str = setting("", "Joint name in JointState messages; empty: the only joint.", live=True)
     friction_sign: int = setting(
         1,
         "-1 for a sensor wired the other way (friction must be positive at positive velocity).",
         low=-1,
         high=1,
+        live=True,
     )
 
 
@@ -218,13 +220,15 @@ class SyncConfig:
         unit="s",
         low=0.0,
         high=1.0,
+        live=True,
     )
-    queue: int = setting(1000, "Unpaired messages kept per input.", low=1, high=100000)
+    queue: int = setting(1000, "Unpaired messages kept per input.", low=1, high=100000, live=True)
     gap_factor: float = setting(
         5.0,
         "A step of more than this many sample periods is a gap: the delay lines restart.",
         low=1.5,
         high=1e6,
+        live=True,
     )
     jump_back: float = setting(
         1.0,
@@ -233,6 +237,7 @@ class SyncConfig:
         unit="s",
         low=0.0,
         high=1e6,
+        live=True,
     )
 
 
@@ -249,9 +254,9 @@ class PublishConfig:
 class StateConfig:
     """The learned state on disk."""
 
-    file: str = setting("", "State file of ~/save and ~/load; empty: none.")
+    file: str = setting("", "State file of ~/save and ~/load; empty: none.", live=True)
     period: float = setting(
-        60.0, "Time between periodic saves; 0: only on ~/save and at exit.", unit="s", low=0.0, high=1e6
+        60.0, "Time between periodic saves; 0: only on ~/save and at exit.", unit="s", low=0.0, high=1e6, live=True
     )
 
 
