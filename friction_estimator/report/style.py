@@ -1,0 +1,45 @@
+"""One look for all figures. Import this before drawing: it selects the backend that needs no screen."""
+
+import os
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+
+from matplotlib.figure import Figure
+
+from friction_estimator.files import atomic_path
+
+MEASURED = "#8a8f98"
+PREDICTED = "#c8471e"
+THEORY = "#2b6cb0"
+LEARNED = "#c8471e"
+RESIDUAL = "#4a5560"
+ACCENT = "#2f855a"
+
+mpl.rcParams.update(
+    {
+        "figure.dpi": 110,
+        "figure.constrained_layout.use": True,
+        "font.size": 9,
+        "axes.grid": True,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "grid.color": "#e3e6ea",
+        "grid.linewidth": 0.6,
+        "axes.axisbelow": True,
+        "axes.titlesize": 10,
+        "axes.titleweight": "bold",
+        "legend.frameon": False,
+        "lines.linewidth": 1.2,
+    }
+)
+
+
+def save(figure: Figure, path: str | os.PathLike[str]) -> Path:
+    """Write a figure as PNG, atomically; return its path."""
+    target = Path(path)
+    with atomic_path(target) as part:
+        figure.savefig(part, format="png")
+    return target
