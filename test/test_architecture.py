@@ -1,0 +1,60 @@
+"""Dependencies point one way, and each heavy library lives in one room."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import friction_estimator
+
+PACKAGE = Path(friction_estimator.__file__).parent
+
+# room: rooms it may use
+ALLOWED = {
+    "core": set(),
+    "files": {"core"},
+    "effects": {"core"},
+    "rig": {"core", "effects"},
+    "bag": {"core", "files"},
+    "diagnosis": {"core", "effects", "rig"},
+    "report": {"core", "files", "effects", "rig", "diagnosis"},
+    "ros": {"core", "files", "effects", "bag", "report", "diagnosis", "rig"},
+    "cli": {"core", "files", "effects", "rig", "bag", "diagnosis", "report", "ros"},
+    "__main__": {"cli"},
+    "__init__": set(),
+}
+
+HOME = {"rclpy": {"ros"}, "rosbags": {"bag"}, "matplotlib": {"report"}}
+
+MODULES = sorted(PACKAGE.rglob("*.py"))
+
+
+def room_of(path: Path) -> str:
+    relative = path.relative_to(PACKAGE)
+    return relative.parts[0] if len(relative.parts) > 1 else relative.stem
+
+
+def imports_of(path: Path):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path.name} line {node.lineno}: relative import"
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_imports_follow_the_arrows(path):
+    room = room_of(path)
+    assert room in ALLOWED, f"{room} is a new room: say in this test what it may use"
+    for name in imports_of(path):
+        top, *rest = name.split(".")
+        if top == "friction_estimator" and rest and (PACKAGE / rest[0]).with_suffix("").name in ALLOWED:
+            assert rest[0] == room or rest[0] in ALLOWED[room], f"{path.name} in {room}/ imports {name}"
+        if top in HOME:
+            assert room in HOME[top], f"{path.name} in {room}/ imports {top}"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_modules_stay_readable(path):
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 450
