@@ -1,0 +1,280 @@
+"""From messages to numbers in SI units: which type holds which input, and a decoder for one or for many messages.
+
+A new message type is one line in `EXTRACTORS`.
+"""
+
+import struct
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from friction_estimator.bag.layout import Cursor, Layout, LayoutError, NoValueError
+from friction_estimator.core.registry import Registry
+from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Ints
+
+Rows = NDArray[np.uint8]
+
+INPUTS = ("velocity", "friction", "pressure", "temperature", "position")
+
+AXES = ("x", "y", "z")
+
+_MANY_LAYOUTS = 8
+"""Layouts looked for in one batch before its remaining messages are read one by one."""
+
+
+@dataclass(frozen=True)
+class Want:
+    """The quantity wanted of a message: one of `INPUTS`, along `axis`, of `joint` (empty: the only one)."""
+
+    quantity: str
+    axis: str = "x"
+    joint: str = ""
+
+
+class Extractor(Protocol):
+    """What is known about a message type."""
+
+    @property
+    def stamped(self) -> bool:
+        """Whether it has a header; without one the time of recording serves as stamp."""
+
+    @property
+    def feeds(self) -> frozenset[str]:
+        """The inputs that it can carry."""
+
+    @property
+    def typical_of(self) -> frozenset[str]:
+        """The inputs for which a topic of this type is taken even when its name says nothing."""
+
+    def locate(self, cursor: Cursor, want: Want) -> Layout:
+        """Walk a message; return where the wanted quantity stands. LayoutError where it is no such message."""
+        ...
+
+
+@dataclass(frozen=True)
+class Doubles:
+    """A message of `count` float64, behind a header where `stamped`.
+
+    The value is the first float64, or the one of the wanted axis where `along_axis`.
+    """
+
+    count: int
+    stamped: bool
+    feeds: frozenset[str]
+    typical_of: frozenset[str] = frozenset()
+    along_axis: bool = False
+
+    def locate(self, cursor: Cursor, want: Want) -> Layout:
+        """Return where the wanted quantity stands."""
+        if self.stamped:
+            cursor.header()
+        start = cursor.doubles(self.count)
+        cursor.end()
+        return cursor.layout(start + 8 * (AXES.index(want.axis) if self.along_axis else 0))
+
+
+@dataclass(frozen=True)
+class JointStates:
+    """sensor_msgs/JointState: position, velocity and effort of named joints.
+
+    The effort is the joint's whole effort, inertia and gravity included.
+    """
+
+    stamped: bool = True
+    feeds: frozenset[str] = frozenset({"velocity", "friction", "position"})
+    typical_of: frozenset[str] = frozenset({"position"})
+
+    def locate(self, cursor: Cursor, want: Want) -> Layout:
+        """Return where the wanted joint's quantity stands; `absence` says why it does not."""
+        cursor.header()
+        names = [cursor.string() for _ in range(cursor.count())]
+        position, velocity, effort = cursor.array(), cursor.array(), cursor.array()
+        cursor.end()
+        label, (start, count) = {
+            "position": ("position", position),
+            "velocity": ("velocity", velocity),
+            "friction": ("effort", effort),
+        }[want.quantity]
+        if not names:
+            return cursor.layout(None, "joint names are empty" + ("" if count else f" and {label} is empty"))
+        if not want.joint and len(names) > 1:
+            return cursor.layout(None, f"several joints ({', '.join(names)}): choose one with --joint")
+        if want.joint and want.joint not in names:
+            return cursor.layout(None, f"no joint {want.joint!r} (there are {', '.join(names)})")
+        index = names.index(want.joint) if want.joint else 0
+        cursor.joint = names[index]
+        if not count:
+            return cursor.layout(None, f"{label} is empty")
+        if index >= count:
+            return cursor.layout(None, f"{label} has {count} values for {len(names)} joints")
+        return cursor.layout(start + 8 * index)
+
+
+EXTRACTORS: Registry[Extractor] = Registry("message type")
+"""Extractor by message type, as rosbags writes the names (for ROS 1 too)."""
+
+_register: Callable[[str, Extractor], Extractor] = EXTRACTORS.register
+_VELOCITY, _FRICTION = frozenset({"velocity"}), frozenset({"friction"})
+_PRESSURE, _TEMPERATURE = frozenset({"pressure"}), frozenset({"temperature"})
+_register("geometry_msgs/msg/TwistStamped", Doubles(6, True, _VELOCITY, _VELOCITY, along_axis=True))
+_register("geometry_msgs/msg/WrenchStamped", Doubles(6, True, _FRICTION, _FRICTION, along_axis=True))
+_register("sensor_msgs/msg/JointState", JointStates())
+_register("sensor_msgs/msg/FluidPressure", Doubles(2, True, _PRESSURE, _PRESSURE))
+_register("sensor_msgs/msg/Temperature", Doubles(2, True, _TEMPERATURE, _TEMPERATURE))
+_register("geometry_msgs/msg/Twist", Doubles(6, False, _VELOCITY, along_axis=True))
+_register("geometry_msgs/msg/Wrench", Doubles(6, False, _FRICTION, along_axis=True))
+_register("std_msgs/msg/Float64", Doubles(1, False, frozenset(INPUTS)))
+
+
+@dataclass(frozen=True)
+class Decoded:
+    """Numbers of a batch of messages, in their order, each (n,).
+
+    `present` is False where a message does not hold the wanted joint; `stamp_ns` is None for unstamped types.
+    """
+
+    stamp_ns: Ints | None
+    value: Floats
+    present: Bools
+
+
+class Decoder:
+    """Read stamp and value of one quantity from serialised messages of one type.
+
+    The places are found on one message; the next ones are read from the same places for as long as the bytes
+    that fix them (encapsulation, lengths, strings) stay the same, and are walked anew where they change. So every
+    message is checked, constant layouts are read at the speed of numpy, and changing ones are read all the same.
+
+    Parameters
+    ----------
+    extractor : entry of `EXTRACTORS`.
+    want : the quantity.
+    ros1 : the messages are ROS 1's.
+
+    Attributes
+    ----------
+    absences : how many messages lacked the value, by reason.
+    joints, frames : the joints and frame_ids met.
+
+    Examples
+    --------
+    >>> decoder = Decoder(EXTRACTORS["std_msgs/msg/Float64"], Want("velocity"))
+    >>> decoder.one(b"\\0\\1\\0\\0" + struct.pack("<d", 0.25))
+    (None, 0.25)
+    """
+
+    def __init__(self, extractor: Extractor, want: Want, *, ros1: bool = False) -> None:
+        self.absences: Counter[str] = Counter()
+        self.joints: set[str] = set()
+        self.frames: set[str] = set()
+        self._extractor, self._want, self._ros1 = extractor, want, ros1
+        self._layout: Layout | None = None
+        self._stamp, self._value = struct.Struct("<iI"), struct.Struct("<d")
+
+    def _learn(self, raw: bytes) -> Layout:
+        layout = self._extractor.locate(Cursor(raw, ros1=self._ros1), self._want)
+        self.frames.add(layout.frame_id)
+        if layout.joint:
+            self.joints.add(layout.joint)
+        self._layout = layout
+        self._stamp = struct.Struct(layout.order + layout.stamp_code + "I")
+        self._value = struct.Struct(layout.order + "d")
+        return layout
+
+    def _layout_of(self, raw: bytes) -> Layout:
+        layout = self._layout
+        if layout is None or len(raw) != layout.length:
+            return self._learn(raw)
+        for place, content in layout.fixed:
+            if raw[place : place + len(content)] != content:
+                return self._learn(raw)
+        return layout
+
+    def one(self, raw: bytes) -> tuple[int | None, float]:
+        """Return (header stamp in ns or None, value in SI units) of one message.
+
+        Raises LayoutError where it is no message of the type, NoValueError where the value is not in it.
+        """
+        layout = self._layout_of(raw)
+        stamp_ns = None
+        if layout.stamp_at is not None:
+            seconds, nanoseconds = self._stamp.unpack_from(raw, layout.stamp_at)
+            stamp_ns = seconds * NS_PER_S + nanoseconds
+        if layout.value_at is None:
+            self.absences[layout.absence] += 1
+            raise NoValueError(layout.absence)
+        return stamp_ns, self._value.unpack_from(raw, layout.value_at)[0]
+
+    def many(self, messages: Sequence[bytes]) -> Decoded:
+        """Return the numbers of messages of any lengths. Raises LayoutError."""
+        n = len(messages)
+        lengths = np.fromiter(map(len, messages), np.int64, n)
+        kinds = np.unique(lengths)
+        if kinds.size == 1:
+            return self.rows(np.frombuffer(b"".join(messages), np.uint8).reshape(n, kinds[0]))
+        stamps, value, present = np.zeros(n, np.int64), np.full(n, np.nan), np.zeros(n, np.bool_)
+        for length in kinds:
+            own = np.flatnonzero(lengths == length)
+            joined = b"".join([messages[k] for k in own.tolist()])
+            part = self.rows(np.frombuffer(joined, np.uint8).reshape(own.size, length))
+            value[own], present[own] = part.value, part.present
+            if part.stamp_ns is not None:
+                stamps[own] = part.stamp_ns
+        return Decoded(stamps if self._extractor.stamped else None, value, present)
+
+    def rows(self, rows: Rows) -> Decoded:
+        """Return the numbers of messages of equal length, one a row of (n, length) uint8. Raises LayoutError."""
+        n = rows.shape[0]
+        stamps, value, present = np.zeros(n, np.int64), np.full(n, np.nan), np.zeros(n, np.bool_)
+        left = np.arange(n)
+        for _ in range(_MANY_LAYOUTS):
+            if not left.size:
+                break
+            layout = self._layout_of(rows[left[0]].tobytes())
+            rest = rows if left.size == n else rows[left]
+            alike = np.ones(left.size, np.bool_)
+            for place, content in layout.fixed:
+                template = np.frombuffer(content, np.uint8)
+                alike &= np.all(rest[:, place : place + len(content)] == template, axis=1)
+            own, same = left[alike], rest[alike]
+            if layout.stamp_at is not None:
+                seconds = _column(same, layout.stamp_at, layout.order + layout.stamp_code)
+                nanoseconds = _column(same, layout.stamp_at + 4, layout.order + "I")
+                stamps[own] = seconds.astype(np.int64) * NS_PER_S + nanoseconds
+            if layout.value_at is None:
+                self.absences[layout.absence] += own.size
+            else:
+                value[own] = _column(same, layout.value_at, layout.order + "d")
+                present[own] = True
+            left = left[~alike]
+        for k in left.tolist():
+            try:
+                stamp, value[k] = self.one(rows[k].tobytes())
+            except NoValueError:
+                continue
+            present[k] = True
+            stamps[k] = stamp or 0
+        return Decoded(stamps if self._extractor.stamped else None, value, present)
+
+
+def _column(rows: Rows, place: int, code: str) -> NDArray[Any]:
+    """Return the number of struct code `code` that stands at `place` of every row, (n,)."""
+    kind = np.dtype(code)
+    return np.ascontiguousarray(rows[:, place : place + kind.itemsize]).view(kind)[:, 0]
+
+
+__all__ = [
+    "AXES",
+    "EXTRACTORS",
+    "INPUTS",
+    "Decoded",
+    "Decoder",
+    "Extractor",
+    "LayoutError",
+    "NoValueError",
+    "Want",
+]
