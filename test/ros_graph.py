@@ -297,6 +297,6 @@ def motion(count: int, rate_hz: float, seed: int = 0) -> tuple[Any, Any, Any]:
 
 def force(message: bytes) -> tuple[int, float]:
     """Return (stamp in ns, force.x) of a serialised WrenchStamped."""
-    from friction_estimator.ros.wire import StampedReader
-
-    return StampedReader(6, 0).read(message)
+    size = struct.unpack_from("<I", message, 12)[0]
+    seconds, nanoseconds = struct.unpack_from("<iI", message, 4)
+    return seconds * NS + nanoseconds, struct.unpack_from("<d", message, 16 + size + -(12 + size) % 8)[0]

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from friction_estimator.core.config import Config
-from friction_estimator.core.pairing import USED, Pairer, Sequencer
+from friction_estimator.core.pairing import USED, Pairer, Pairs, Sequencer
 from friction_estimator.core.sample import Samples
 
 
@@ -38,7 +38,10 @@ class Intake:
 
         Channels that have brought no value yet are NaN.
         """
-        pairs = self.pairer.push(stream, stamp_ns, value)
+        return self.admit(self.pairer.push(stream, stamp_ns, value))
+
+    def admit(self, pairs: Pairs) -> Samples:
+        """Return what is admitted of joined samples, in order."""
         status, restart = self.sequencer.admit(pairs.stamp_ns, pairs.velocity_m_s, pairs.friction_N)
         used = status == USED
         held = pairs.held[used]

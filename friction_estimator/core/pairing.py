@@ -308,6 +308,11 @@ class Sequencer:
         return {REASONS[i]: int(n) for i, n in enumerate(self._counts) if n}
 
     @property
+    def admitted(self) -> int:
+        """Samples admitted."""
+        return int(self._counts[USED])
+
+    @property
     def gaps(self) -> int:
         """Gaps seen."""
         return int(self._events[1])

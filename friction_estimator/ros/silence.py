@@ -15,7 +15,7 @@ from rclpy.qos import QoSCompatibility, qos_check_compatible
 
 from friction_estimator.core.config import Config
 from friction_estimator.core.sample import NS_PER_S
-from friction_estimator.ros.sources import Source
+from friction_estimator.ros.sources import Source, type_name
 from friction_estimator.ros.wire import frame_id
 
 REPEAT_S = 60.0
@@ -118,7 +118,7 @@ def _topics(sources: list[Source]) -> str:
 
 
 def _why_silent(node: Node, source: Source, heard: list[Source]) -> Finding:
-    expected = _type_name(source.kind)
+    expected = type_name(source.kind)
     publishers: list[Any] = node.get_publishers_info_by_topic(source.topic)
     if not publishers:
         same = [
@@ -164,13 +164,15 @@ def _content(config: Config, source: Source, messages: int) -> Iterator[Finding]
     now = source.rejected_lately()
     if now.get("wrong_joint"):
         expected = f"joint {config.input.joint!r}" if config.input.joint else "one joint (input.joint is empty)"
-        yield Finding(f"{source.name}: wrong joint", f"{source.topic}: expected {expected}, seen {source.seen_names}")
+        yield Finding(f"{source.name}: wrong joint", f"{source.topic}: expected {expected}, seen: {source.absence}")
     if now.get("empty"):
         wanted = "position" if source.name == "position" else "velocity and effort"
-        yield Finding(f"{source.name}: empty", f"{source.topic}: expected {wanted} of the joint, seen empty arrays")
+        yield Finding(
+            f"{source.name}: empty", f"{source.topic}: expected {wanted} of the joint, seen: {source.absence}"
+        )
     if now.get("malformed"):
         yield Finding(
-            f"{source.name}: malformed", f"{source.topic}: expected {_type_name(source.kind)}, seen unreadable bytes"
+            f"{source.name}: malformed", f"{source.topic}: expected {type_name(source.kind)}, seen unreadable bytes"
         )
     if source.frame != source.first_frame:
         yield Finding(
@@ -178,11 +180,6 @@ def _content(config: Config, source: Source, messages: int) -> Iterator[Finding]
             f"{source.topic}: expected frame {frame_id(source.first_frame)!r} as in the first message, "
             f"seen {frame_id(source.frame)!r}; do two sensors publish on it?",
         )
-
-
-def _type_name(kind: type) -> str:
-    package = kind.__module__.split(".")[0]
-    return f"{package}/msg/{kind.__name__}"
 
 
 def _name(node: Node) -> str:

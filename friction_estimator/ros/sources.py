@@ -1,7 +1,6 @@
 """Input topics: one `Source` a subscription, with what the diagnostics need to know about it.
 
-Messages are taken as bytes and read by fixed layout; a message of another layout is deserialised in full and
-written out again by the installed serialiser, once, before it is given up as malformed.
+Messages are taken as bytes and read by the decoder that replay uses, which checks the layout of each.
 """
 
 import time
@@ -13,13 +12,13 @@ from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
-from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import FluidPressure, JointState, Temperature
 from std_msgs.msg import Float64
 
+from friction_estimator.bag.messages import EXTRACTORS, Decoder, LayoutError, NoValueError, Want
 from friction_estimator.core.config import InputConfig
-from friction_estimator.core.pairing import FRICTION, POSITION, PRESSURE, TEMPERATURE, VELOCITY
-from friction_estimator.ros.wire import JointReader, LayoutError, StampedReader, read_double, serialised_frame
+from friction_estimator.core.pairing import FRICTION, STREAMS, VELOCITY
+from friction_estimator.ros.wire import NO_FRAME, frame_in
 
 Deliver = Callable[[int, int, float], None]
 """Takes (stream, stamp in ns, value)."""
@@ -30,12 +29,15 @@ REMEMBERED = 64
 FRAME_FORGOTTEN_S = 60.0
 """A frame that differs from the first one this long is taken for the new usual one."""
 
-NO_FRAME = serialised_frame("")
-
 
 def input_qos() -> QoSProfile:
     """Return the quality of service of the inputs: it matches any publisher, and holds a second at 1 kHz."""
     return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def type_name(kind: type) -> str:
+    """Return the ROS name of a message type, such as std_msgs/msg/Float64."""
+    return f"{kind.__module__.split('.', maxsplit=1)[0]}/msg/{kind.__name__}"
 
 
 class Source:
@@ -56,6 +58,7 @@ class Source:
     last_stamp_ns, last_arrival : of the last message read; arrival by the monotonic clock, s.
     stamps : the last stamps, in no order.
     frame : serialised frame_id of the last message; `first_frame` of the first.
+    absence : why the last message without a sample held none.
     """
 
     def __init__(
@@ -67,7 +70,7 @@ class Source:
         self.last_stamp_ns, self.last_arrival = 0, 0.0
         self.stamps: list[int] = []
         self.frame = self.first_frame = b""
-        self.seen_names: list[str] = []
+        self.absence = ""
         self._looked: dict[str, int] = {}
         self._frame_changed = 0.0
         self._on_error = on_error
@@ -123,7 +126,7 @@ class Source:
             self.stamps.append(stamp_ns)
         else:
             self.stamps[self.messages % REMEMBERED] = stamp_ns
-        if frame is not self.frame:
+        if frame != self.frame:
             self.first_frame = self.first_frame or frame
             self.frame = frame
 
@@ -133,23 +136,16 @@ class Source:
         def receive(raw: bytes) -> None:
             self.messages += 1
             try:
-                try:
-                    callback(raw)
-                except LayoutError:
-                    callback(self._rewritten(raw))
+                callback(raw)
+            except NoValueError as error:
+                self.absence = str(error)
+                self.reject("empty" if self.absence.endswith("empty") else "wrong_joint")
             except LayoutError:
                 self.reject("malformed")
             except Exception as error:
                 self._on_error(f"message on {self.name}", error)
 
         return receive
-
-    def _rewritten(self, raw: bytes) -> bytes:
-        """Return the message as this machine's serialiser writes it (another byte order, for instance)."""
-        try:
-            return bytes(serialize_message(deserialize_message(raw, self.kind)))
-        except Exception as error:
-            raise LayoutError(str(error)) from error
 
 
 class Inputs:
@@ -174,80 +170,76 @@ class Inputs:
         self.frame = NO_FRAME
         """Serialised frame of the last friction message."""
         self.sources: dict[str, Source] = {}
-        axis = "xyz".index(config.axis)
         if config.mode == "stamped":
-            self._stamped("velocity", TwistStamped, StampedReader(6, axis), VELOCITY)
-            self._stamped("friction", WrenchStamped, StampedReader(6, axis), FRICTION)
+            self._stamped("velocity", TwistStamped, required=True)
+            self._stamped("friction", WrenchStamped, required=True)
         elif config.mode == "joint_state":
-            self._joint_states("joint_states", required=True)
+            self._joint_states()
         else:
             self._float64()
-        self._stamped("pressure", FluidPressure, StampedReader(2, 0), PRESSURE)
-        self._stamped("temperature", Temperature, StampedReader(2, 0), TEMPERATURE)
-        self._joint_states("position", required=False)
+        self._stamped("pressure", FluidPressure)
+        self._stamped("temperature", Temperature)
+        self._stamped("position", JointState)
 
     def close(self) -> None:
         """Close all subscriptions."""
         for source in self.sources.values():
             source.close()
 
-    def _source(self, name: str, kind: type, required: bool) -> Source:
+    def _source(self, name: str, kind: type, *, required: bool) -> Source:
         source = Source(self._node, name, kind, required, self._on_error)
         self.sources[name] = source
         return source
 
-    def _stamped(self, name: str, kind: type, reader: StampedReader, stream: int) -> None:
-        source = self._source(name, kind, stream in (VELOCITY, FRICTION))
-        deliver = self._deliver
+    def _decoder(self, kind: type, quantity: str) -> Callable[[bytes], tuple[int | None, float]]:
+        want = Want(quantity, self._config.axis, self._config.joint)
+        return Decoder(EXTRACTORS[type_name(kind)], want).one
+
+    def _stamped(self, name: str, kind: type, *, required: bool = False) -> None:
+        source = self._source(name, kind, required=required)
+        read, deliver, stream = self._decoder(kind, name), self._deliver, STREAMS.index(name)
 
         def receive(raw: bytes) -> None:
-            stamp_ns, value = reader.read(raw)
-            source.note(stamp_ns, reader.frame)
+            stamp_ns, value = read(raw)
+            frame = frame_in(raw)
+            source.note(stamp_ns, frame)  # type: ignore[arg-type]
             if stream == FRICTION:
-                self.frame = reader.frame
-            deliver(stream, stamp_ns, value)
+                self.frame = frame
+            deliver(stream, stamp_ns, value)  # type: ignore[arg-type]
 
         source.subscribe(receive)
 
-    def _joint_states(self, name: str, *, required: bool) -> None:
-        source = self._source(name, JointState, required)
-        reader = JointReader(self._config.joint)
+    def _joint_states(self) -> None:
+        source = self._source("joint_states", JointState, required=True)
+        read_velocity = self._decoder(JointState, "velocity")
+        read_effort = self._decoder(JointState, "friction")
         deliver = self._deliver
 
         def receive(raw: bytes) -> None:
-            stamp_ns, position, velocity, effort = reader.read(raw)
-            source.note(stamp_ns, reader.frame)
-            source.seen_names = reader.names
-            if reader.index is None:
-                source.reject("wrong_joint")
-            elif not required:
-                if reader.holds[0]:
-                    deliver(POSITION, stamp_ns, position)
-                else:
-                    source.reject("empty")
-            elif reader.holds[1] and reader.holds[2]:
-                self.frame = reader.frame
-                deliver(VELOCITY, stamp_ns, velocity)
-                deliver(FRICTION, stamp_ns, effort)
-            else:
-                source.reject("empty")
+            stamp_ns, velocity = read_velocity(raw)
+            _, effort = read_effort(raw)
+            self.frame = frame_in(raw)
+            source.note(stamp_ns, self.frame)  # type: ignore[arg-type]
+            deliver(VELOCITY, stamp_ns, velocity)  # type: ignore[arg-type]
+            deliver(FRICTION, stamp_ns, effort)  # type: ignore[arg-type]
 
         source.subscribe(receive)
 
     def _float64(self) -> None:
         """Pair a friction value with the newest velocity value, at the time of receipt."""
-        velocity_source = self._source("velocity", Float64, True)
-        friction_source = self._source("friction", Float64, True)
+        velocity_source = self._source("velocity", Float64, required=True)
+        friction_source = self._source("friction", Float64, required=True)
+        read = self._decoder(Float64, "velocity")
         fresh: list[float] = []
         deliver = self._deliver
 
         def receive_velocity(raw: bytes) -> None:
-            value = read_double(raw)
+            _, value = read(raw)
             velocity_source.note(time.time_ns(), NO_FRAME)
             fresh[:] = [value]
 
         def receive_friction(raw: bytes) -> None:
-            value = read_double(raw)
+            _, value = read(raw)
             stamp_ns = time.time_ns()
             friction_source.note(stamp_ns, NO_FRAME)
             if fresh:

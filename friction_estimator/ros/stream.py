@@ -1,16 +1,12 @@
-"""From events to published predictions: the same intake and estimator that replay uses, fed as messages arrive."""
+"""From events to published predictions, as messages arrive; replay does the same over arrays."""
 
 from collections.abc import Callable
-
-import numpy as np
 
 from friction_estimator.core.config import Config
 from friction_estimator.core.estimator import Estimator
 from friction_estimator.core.intake import Intake
+from friction_estimator.core.live import CAPACITY, Events, LiveStep
 from friction_estimator.core.pairing import FRICTION
-
-BUFFER = 100
-"""Events held back at most."""
 
 Publish = Callable[[int, float, float], None]
 """Takes (stamp in ns, predicted friction, measured friction)."""
@@ -24,74 +20,93 @@ class SampleStream:
 
     Parameters
     ----------
-    config : `sync.*` and `input.friction_sign` are read.
+    config : `sync.*`, `input.friction_sign` and `model.adapt` are read.
     estimator : predicts and learns; None while the configuration allows none (samples are counted and dropped).
     publish : takes each prediction.
+
+    Attributes
+    ----------
+    learn : whether samples are learned from.
+    predictions, lost : samples predicted; samples without prediction, for want of a usable configuration or by a fault.
+    velocity_seen : lowest and highest velocity of the predicted samples, m/s.
     """
 
     def __init__(self, config: Config, estimator: Estimator | None, publish: Publish) -> None:
-        self.intake = Intake(config)
-        self.estimator = estimator
         self.learn = config.model.adapt
         self.predictions = 0
         self.lost = 0
-        """Samples that the estimator did not predict, for want of a usable configuration or by a fault."""
         self.velocity_seen = (float("inf"), float("-inf"))
         self._publish = publish
-        self._streams: list[int] = []
-        self._stamps: list[int] = []
-        self._values: list[float] = []
-        self._pending = [False, False]
-        self._waiting = (0, 0)
         self._past: dict[str, int] = {}
+        self._connect(Intake(config), estimator)
+
+    def _connect(self, intake: Intake, estimator: Estimator | None) -> None:
+        self.intake, self._estimator = intake, estimator
+        self._count = 0
+        self._pending = [False, False]
+        self._waiting = intake.pairer.waiting
+        self._step = LiveStep(intake, estimator) if estimator is not None else None
+        buffer = self._step or Events()
+        self._streams, self._stamps, self._values = buffer.stream, buffer.stamp_ns, buffer.value
+
+    @property
+    def estimator(self) -> Estimator | None:
+        """The estimator; setting another one keeps pairing and counters."""
+        return self._estimator
+
+    @estimator.setter
+    def estimator(self, estimator: Estimator | None) -> None:
+        self.flush()
+        self._connect(self.intake, estimator)
 
     def event(self, stream: int, stamp_ns: int, value: float) -> None:
         """Take one event; publish the samples that it completes."""
-        self._streams.append(stream)
-        self._stamps.append(stamp_ns)
-        self._values.append(value)
+        count = self._count
+        self._streams[count] = stream
+        self._stamps[count] = stamp_ns
+        self._values[count] = value
+        self._count = count + 1
         if stream <= FRICTION:
             self._pending[stream] = True
             other = 1 - stream
             if self._pending[other] or self._waiting[other]:
                 self.flush()
                 return
-        if len(self._streams) >= BUFFER:
+        if count + 1 == CAPACITY:
             self.flush()
 
     def flush(self) -> None:
         """Push what was held back."""
-        if not self._streams:
+        count = self._count
+        if not count:
             return
-        samples = self.intake.push(self._streams, self._stamps, self._values)
-        self._streams, self._stamps, self._values = [], [], []
-        self._pending = [False, False]
-        self._waiting = self.intake.pairer.waiting
-        if not len(samples):
+        self._count = 0
+        self._pending[0] = self._pending[1] = False
+        if self._step is None:
+            samples = self.intake.push(self._streams[:count], self._stamps[:count], self._values[:count])
+            self.lost += len(samples)
+            self._waiting = self.intake.pairer.waiting
             return
-        self.lost += len(samples)
-        if self.estimator is None:
-            return
-        predicted = self.estimator.run(samples, self.learn)
-        low, high = self.velocity_seen
-        self.velocity_seen = (
-            min(low, float(np.min(samples.velocity_m_s))),
-            max(high, float(np.max(samples.velocity_m_s))),
-        )
-        for stamp, forecast, friction in zip(
-            samples.stamp_ns.tolist(), predicted.tolist(), samples.friction_N.tolist(), strict=True
-        ):
-            self.predictions += 1
-            self.lost -= 1
-            self._publish(stamp, forecast, friction)
+        sequencer = self.intake.sequencer
+        admitted, predicted = sequencer.admitted, 0
+        try:
+            for stamp_ns, velocity, friction, forecast in self._step.run(count, learn=self.learn):
+                low, high = self.velocity_seen
+                if not low <= velocity <= high:
+                    self.velocity_seen = (min(low, velocity), max(high, velocity))
+                predicted += 1
+                self._publish(stamp_ns, forecast, friction)
+        finally:
+            self.predictions += predicted
+            self.lost += sequencer.admitted - admitted - predicted
+            self._waiting = self.intake.pairer.waiting
 
     def reconfigure(self, config: Config) -> None:
         """Pair by other settings from now on; the counters go on."""
         self.flush()
         self.intake.flush()
         self._past = self.counts
-        self.intake = Intake(config)
-        self._waiting = (0, 0)
+        self._connect(Intake(config), self._estimator)
 
     @property
     def counts(self) -> dict[str, int]:

@@ -1,0 +1,190 @@
+"""One sample at a time without the cost of arrays: the live node's way through the same compiled kernels.
+
+`Intake.push` and `Estimator.run` take arrays and spend, on arrays of one, ten times as long on checks, views and
+small allocations as in the kernels. `LiveStep` calls the same kernels on arrays that it allocates once. The result is
+that of `Intake.push` and `Estimator.run` bit for bit, which a test asserts; whatever is not the usual case (several
+samples at once, extension terms, a curve other than the seal's) goes through those two.
+"""
+
+import math
+
+import numpy as np
+
+from friction_estimator.core import kernels
+from friction_estimator.core.basis import WaveletBasis, _wavelet_rows
+from friction_estimator.core.estimator import Estimator
+from friction_estimator.core.intake import Intake
+from friction_estimator.core.pairing import HELD, USED, Pairs, _admit, _pair
+from friction_estimator.core.theory_seal import SealCurve, _seal_loop
+
+CAPACITY = 128
+"""Events taken at once at the most."""
+
+Prediction = tuple[int, float, float, float]
+"""Stamp (ns), velocity (m/s), measured friction (N), predicted friction (N)."""
+
+
+class Events:
+    """Room for events: `stream`, `stamp_ns` and `value`, (CAPACITY,) each."""
+
+    def __init__(self) -> None:
+        self.stream = np.zeros(CAPACITY, np.int64)
+        self.stamp_ns = np.zeros(CAPACITY, np.int64)
+        self.value = np.zeros(CAPACITY)
+
+
+class LiveStep(Events):
+    """Push a few events, get the predictions of the samples that they complete.
+
+    Parameters
+    ----------
+    intake, estimator : are driven by this object and may be read, saved and restored between calls.
+
+    Examples
+    --------
+    >>> from friction_estimator.core.config import Config
+    >>> from friction_estimator.core.derive import with_live_units
+    >>> config = with_live_units(Config())
+    >>> step = LiveStep(Intake(config), Estimator(config))
+    >>> step.stream[:2], step.stamp_ns[:2], step.value[:2] = (0, 1), (7, 7), (0.1, 3.0)
+    >>> [(stamp, friction) for stamp, _, friction, _ in step.run(2, learn=True)]
+    [(7, 3.0)]
+    """
+
+    def __init__(self, intake: Intake, estimator: Estimator) -> None:
+        super().__init__()
+        self.intake, self.estimator = intake, estimator
+        self._events = [(self.stream[:n], self.stamp_ns[:n], self.value[:n]) for n in range(CAPACITY + 1)]
+        self._out = (
+            np.zeros(CAPACITY, np.int64),
+            np.zeros(CAPACITY),
+            np.zeros(CAPACITY),
+            np.zeros((CAPACITY, HELD)),
+        )
+        self._stamp, self._velocity, self._friction, self._held = (array[:1] for array in self._out)
+        self._status, self._restart = np.zeros(1, np.int8), np.zeros(1, np.bool_)
+        self._learn, self._predicted = np.zeros(1, np.bool_), np.zeros(1)
+        self._pressure, self._temperature = np.zeros(1), np.zeros(1)
+        self._theory, self._target = np.zeros(1), np.zeros(1)
+        self._no_extension = np.zeros((1, 0))
+        pairer, sequencer = intake.pairer, intake.sequencer
+        self._pairing = (
+            pairer._slop_ns,
+            pairer._stamp,
+            pairer._value,
+            pairer._queue,
+            pairer._held_stamp,
+            pairer._held_value,
+            pairer._held_count,
+            pairer._held_now,
+            pairer._dropped,
+            *self._out,
+        )
+        self._admission = (
+            self._stamp,
+            self._velocity,
+            self._friction,
+            sequencer._gap_factor,
+            sequencer._jump_ns,
+            sequencer._clock,
+            sequencer._events,
+            sequencer._counts,
+            self._status,
+            self._restart,
+        )
+        model = estimator.model
+        self._basis, self._curve = model.basis, model.theory
+        self._usual = model.extension is None and isinstance(self._curve, SealCurve | None)
+        if not isinstance(self._basis, WaveletBasis):
+            self._usual = False
+            return
+        basis = self._basis
+        self._index, self._row = np.zeros((1, basis.width), np.int32), np.zeros((1, basis.width))
+        self._rows = (
+            self._velocity,
+            basis.unit,
+            basis.low,
+            basis.high,
+            basis.bend,
+            basis._scale,
+            basis._amplitude,
+            basis._first,
+            basis._kind,
+            basis._table,
+            self._index,
+            self._row,
+        )
+
+    def run(self, count: int, *, learn: bool) -> list[Prediction]:
+        """Take the first `count` events of `stream`, `stamp_ns`, `value`, in order of arrival.
+
+        Returns
+        -------
+        The predictions of the samples that were completed and admitted.
+        """
+        joined = _pair(*self._events[count], *self._pairing)
+        if joined == 1 and self._usual:
+            _admit(*self._admission)
+            return [self._step(learn)] if self._status[0] == USED else []
+        return self._several(joined, learn) if joined else []
+
+    def _step(self, learn: bool) -> Prediction:
+        """Predict and learn from the one sample in the arrays."""
+        estimator, basis = self.estimator, self._basis
+        config = estimator.config
+        unit = config.force_unit
+        velocity = float(self._velocity[0])
+        friction = self.intake._sign * float(self._friction[0])
+        _wavelet_rows(*self._rows)
+        if self._curve is not None:
+            theory = config.theory
+            pressure, temperature = float(self._held[0, 0]), float(self._held[0, 1])
+            known = math.isfinite(pressure)
+            self._pressure[0] = pressure - theory.ambient_pressure if known else theory.default_pressure
+            self._temperature[0] = temperature if math.isfinite(temperature) else theory.default_temperature
+            _seal_loop(
+                self._velocity,
+                self._pressure,
+                self._temperature,
+                self._curve._par,  # type: ignore[attr-defined]
+                self._curve._counts,  # type: ignore[attr-defined]
+                self._theory,
+            )
+            self._theory[0] /= unit
+        self._target[0] = friction / unit
+        work = estimator._work
+        inside = basis.low <= velocity <= basis.high  # type: ignore[attr-defined]
+        if not inside:
+            work.status[kernels.OUTSIDE] += 1
+        self._learn[0] = learn and inside
+        kernels.run(
+            estimator._law_number,
+            self._index,
+            self._row,
+            self._theory,
+            self._no_extension,
+            self._target,
+            self._restart,
+            self._learn,
+            self._predicted,
+            *work.arrays(),
+        )
+        return int(self._stamp[0]), velocity, friction, float(self._predicted[0]) * unit
+
+    def _several(self, joined: int, learn: bool) -> list[Prediction]:
+        """Take the way of replay."""
+        stamp, velocity, friction, held = self._out
+        pairs = Pairs(*(a[:joined].copy() for a in (stamp, velocity, friction, held)))  # type: ignore[arg-type]
+        samples = self.intake.admit(pairs)
+        if not len(samples):
+            return []
+        predicted = self.estimator.run(samples, learn)
+        return list(
+            zip(
+                samples.stamp_ns.tolist(),
+                samples.velocity_m_s.tolist(),
+                samples.friction_N.tolist(),
+                predicted.tolist(),
+                strict=True,
+            )
+        )
