@@ -1,0 +1,255 @@
+"""Second moments of a recording, and the cost of a model as a polynomial in its parameters.
+
+The output of both models is bilinear in the FIR taps A and the rest, so with the over-parameterised coefficients
+
+    t = [A_0 W, A1_0, A_1 W, A1_1, ..., C]                     (Kronecker, Bai 1998)
+
+it is linear, f_hat = t' z with z[k] = [Psi[k], d[k], Psi[k-1], d[k-1], ..., extension[k]], and the mean square error is
+
+    C(theta) = 1/2 (E f^2 - 2 t' E[z f] + t' (E[z z'] + ridge) t).
+
+A recording is read once, into E[z z'], E[z f] and E f^2; cost, gradient and Hessian are then exact at a price that does
+not depend on its length. C is quadratic in t and quartic in theta.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+from friction_estimator.core.errors import ConfigError, UnanswerableError
+from friction_estimator.core.model import Inputs, Model
+from friction_estimator.core.sample import Bools, Floats, Ints, Samples
+
+BLOCK = 4096
+"""Samples made dense at a time."""
+
+LARGEST_PRODUCT = 4096
+"""Largest number of over-parameterised coefficients: their moments take 8 N^2 bytes."""
+
+RIDGE = 1e-8
+"""Mean square output, in normalised units, that a coefficient of one prior deviation costs: 1e-4 of the friction's rms,
+far below any load cell. What the record does not excite stays at zero."""
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Mean products of one recording in normalised units, and the cost that they define.
+
+    Attributes
+    ----------
+    taps, weights, theory_taps, extensions : sizes of the blocks of theta = [A, W, A1, C].
+    gram : (N, N), E[z z'] + diag(ridge).
+    cross : (N,), E[z f].
+    power : E f^2.
+    ridge : (N,), what was added to the diagonal.
+    count : samples that the means are over.
+    """
+
+    taps: int
+    weights: int
+    theory_taps: int
+    extensions: int
+    gram: Floats
+    cross: Floats
+    power: float
+    ridge: Floats
+    count: int
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return self.taps + self.weights + self.theory_taps + self.extensions
+
+    def coefficients(self, theta: Floats) -> Floats:
+        """Return t(theta), (N,)."""
+        a, w = theta[: self.taps], theta[self.taps : self.taps + self.weights]
+        lagged = np.zeros((self.taps, self._stride))
+        lagged[:, : self.weights] = np.outer(a, w)
+        if self.theory_taps:
+            lagged[:, -1] = theta[self.taps + self.weights :][: self.taps]
+        return np.concatenate([lagged.ravel(), theta[self.size - self.extensions :]])
+
+    def pull(self, theta: Floats, rows: Floats) -> Floats:
+        """Return (dt/dtheta)' rows, (n_parameters, ...), for rows (N, ...)."""
+        a, w = theta[: self.taps], theta[self.taps : self.taps + self.weights]
+        end = self.taps * self._stride
+        lagged = rows[:end].reshape(self.taps, self._stride, *rows.shape[1:])
+        nonlinear = lagged[:, : self.weights]
+        parts = [np.einsum("ij...,j->i...", nonlinear, w), np.tensordot(a, nonlinear, axes=1)]
+        if self.theory_taps:
+            parts.append(lagged[:, -1])
+        return np.concatenate([*parts, rows[end:]])
+
+    def cost(self, theta: Floats) -> float:
+        """Return C(theta): half the mean square error plus half the ridge's penalty."""
+        t = self.coefficients(theta)
+        return 0.5 * float(self.power - 2.0 * t @ self.cross + t @ self.gram @ t)
+
+    def gradient(self, theta: Floats) -> Floats:
+        """Return dC/dtheta, (n_parameters,)."""
+        return self.pull(theta, self.gram @ self.coefficients(theta) - self.cross)
+
+    def gauss_newton(self, theta: Floats, *, ridge: bool = True) -> Floats:
+        """Return E[x x'] of the gradient regressor x, (n_parameters, n_parameters), with or without the ridge."""
+        half = self.pull(theta, self.gram)
+        if not ridge:
+            half -= self.pull(theta, np.diag(self.ridge))
+        return self.pull(theta, np.ascontiguousarray(half.T))
+
+    def hessian(self, theta: Floats) -> Floats:
+        """Return the Hessian of C: Gauss-Newton plus the cross term of A and W, weighted by the residual."""
+        hessian = self.gauss_newton(theta)
+        residual = self.gram @ self.coefficients(theta) - self.cross
+        lagged = residual[: self.taps * self._stride].reshape(self.taps, self._stride)[:, : self.weights]
+        a, w = slice(0, self.taps), slice(self.taps, self.taps + self.weights)
+        hessian[a, w] += lagged
+        hessian[w, a] += lagged.T
+        return hessian
+
+    def eliminate(self, taps: Floats) -> Floats:
+        """Return theta of least cost for fixed FIR taps A: the rest is linear (variable projection)."""
+        theta = np.zeros(self.size)
+        theta[: self.taps] = taps
+        # With A fixed, dt/dtheta of the other blocks does not depend on them.
+        half = self.pull(theta, self.gram)[self.taps :]
+        normal = self.pull(theta, np.ascontiguousarray(half.T))[self.taps :]
+        theta[self.taps :] = solve(normal, self.pull(theta, self.cross)[self.taps :])
+        return theta
+
+    @property
+    def _stride(self) -> int:
+        return self.weights + (1 if self.theory_taps else 0)
+
+
+def solve(matrix: Floats, target: Floats) -> Floats:
+    """Solve a positive semidefinite system, target (n,) or (n, k); below rounding the least-norm answer is given."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
+    scaled = matrix * scale[:, None] * scale
+    right = (target.T * scale).T
+    try:
+        answer = cho_solve(cho_factor(scaled), right)
+    except LinAlgError:
+        answer = np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) @ right
+    return np.asarray((answer.T * scale).T)
+
+
+def gather(model: Model, samples: Samples, use: Bools | bool = True, ridge: float = RIDGE) -> Moments:
+    """Read a recording into its moments.
+
+    The delay lines are those of `kernels`: at a restart they are filled with the first row. Samples outside the basis'
+    velocity range, or not in `use`, carry no equation but stay in the delay lines of those that follow.
+
+    With r_i[k] the row of lag i, G_ij = sum_k r_i r_j' obeys G_(i+1)(j+1) = G_ij + (first rows) - (last rows) of each
+    run of consecutive samples, since the lags shift; only G_0j are summed over the record (the displacement structure
+    of the covariance method of linear prediction).
+
+    Parameters
+    ----------
+    model : structure, with units set.
+    samples : the recording.
+    use : (n,) or one value, the samples to fit.
+    ridge : penalty on a coefficient of one prior deviation, see `RIDGE`.
+
+    Raises
+    ------
+    UnanswerableError : no sample to fit. ConfigError : the structure has more than `LARGEST_PRODUCT` coefficients.
+    """
+    taps, weights, theory_taps, extensions = (int(v) for v in model.shape)
+    stride = weights + (1 if theory_taps else 0)
+    total = taps * stride + extensions
+    if total > LARGEST_PRODUCT:
+        raise ConfigError(
+            f"the batch fit of {taps} taps and {weights} weights has {total} products, more than {LARGEST_PRODUCT}: "
+            "lower fir.order, or set a larger basis.velocity_unit or basis.finest_level"
+        )
+    used = np.broadcast_to(np.asarray(use, np.bool_), (len(samples),)) & model.basis.inside(samples.velocity_m_s)
+    count = int(np.count_nonzero(used))
+    if count == 0:
+        raise UnanswerableError("no sample lies inside basis.velocity_range: nothing to fit")
+    if model.extension is not None:
+        model.extension.restart()
+    first_of = _segment_starts(samples.restart)
+    joined = used[1:] & used[:-1] & (first_of[1:] == first_of[:-1])
+    starts = used & ~np.concatenate([[False], joined])
+    ends = used & ~np.concatenate([joined, [False]])
+
+    lagged = np.zeros((taps, stride, stride))  # G_0j
+    displaced = np.zeros((taps - 1, taps - 1, stride, stride))  # G_(i+1)(j+1) - G_ij
+    others = extensions + 1  # extension columns and the target
+    cross = np.zeros((taps, stride, others))
+    small = np.zeros((others, others))
+    dense = np.zeros((0, stride))
+    for begin in range(0, len(samples), BLOCK):
+        place = np.arange(begin, min(begin + BLOCK, len(samples)))
+        inputs = model.inputs(samples[begin : begin + BLOCK])
+        past = dense[dense.shape[0] - min(taps - 1, dense.shape[0]) :]
+        dense = np.concatenate([past, _dense(inputs, weights, stride)])
+        oldest = begin - past.shape[0]
+        rows = [dense[np.maximum(place - i, first_of[place]) - oldest] for i in range(taps)]
+        keep = used[place, None]
+        now = rows[0] * keep
+        plain = np.column_stack([inputs.extension, inputs.target]) * keep
+        for i in range(taps):
+            lagged[i] += now.T @ rows[i]
+            cross[i] += rows[i].T @ plain
+        small += plain.T @ plain
+        at_start, at_end = np.flatnonzero(starts[place]), np.flatnonzero(ends[place])
+        for i in range(taps - 1):
+            for j in range(taps - 1):
+                if at_start.size:
+                    displaced[i, j] += rows[i + 1][at_start].T @ rows[j + 1][at_start]
+                if at_end.size:
+                    displaced[i, j] -= rows[i][at_end].T @ rows[j][at_end]
+    blocks = np.empty((taps, stride, taps, stride))
+    for i in range(taps):
+        blocks[0, :, i] = lagged[i]
+        blocks[i, :, 0] = lagged[i].T
+    for i in range(taps - 1):
+        for j in range(taps - 1):
+            blocks[i + 1, :, j + 1] = blocks[i, :, j] + displaced[i, j]
+    gram = np.empty((total, total))
+    end = taps * stride
+    gram[:end, :end] = blocks.reshape(end, end)
+    gram[:end, end:] = cross[:, :, :-1].reshape(end, extensions)
+    gram[end:, :end] = gram[:end, end:].T
+    gram[end:, end:] = small[:-1, :-1]
+    gram = 0.5 * (gram + gram.T) / count
+    penalty = _penalty(model, ridge)
+    gram[np.diag_indices(total)] += penalty
+    return Moments(
+        taps=taps,
+        weights=weights,
+        theory_taps=theory_taps,
+        extensions=extensions,
+        gram=gram,
+        cross=np.concatenate([cross[:, :, -1].ravel(), small[:-1, -1]]) / count,
+        power=float(small[-1, -1]) / count,
+        ridge=penalty,
+        count=count,
+    )
+
+
+def _segment_starts(restart: Bools) -> Ints:
+    """Return for each sample the index of the first of its segment, (n,)."""
+    index = np.arange(restart.size)
+    return np.maximum.accumulate(np.where(restart, index, 0))
+
+
+def _dense(inputs: Inputs, weights: int, stride: int) -> Floats:
+    """Return the rows [Psi, d], (n, stride)."""
+    dense = np.zeros((inputs.target.size, stride))
+    np.put_along_axis(dense[:, :weights], inputs.index.astype(np.int64), inputs.value, axis=1)
+    if stride > weights:
+        dense[:, -1] = inputs.theory
+    return dense
+
+
+def _penalty(model: Model, ridge: float) -> Floats:
+    """Return the ridge of each coefficient: weights by the basis' prior, theory taps by theirs.
+
+    The penalty on A_i W_j sums to ridge |A|^2 sum_j (W_j / s_j)^2: it does not change along the scale orbit.
+    """
+    prior = model.split(model.prior_deviation())
+    row = np.concatenate([prior.wavelet_weights, prior.theory_taps[:1]])
+    return ridge * np.concatenate([np.tile(row, prior.fir_taps.size), prior.extension_weights]) ** -2.0
