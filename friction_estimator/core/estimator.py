@@ -86,8 +86,7 @@ class Estimator:
         self._work = Workspace(
             shape=model.shape.copy(),
             theta=theta,
-            ring_index=np.zeros((taps, model.basis.width), np.int32),
-            ring_value=np.zeros((taps, model.basis.width)),
+            ring=np.zeros((taps, model.basis.size)),
             ring_theory=np.zeros(max(1, theory_taps)),
             root=np.diag(np.sqrt(covariance)),
             diagonal=covariance.copy(),
@@ -228,9 +227,6 @@ class Estimator:
             if not np.all(np.isfinite(theirs)):
                 raise ConfigError(f"state array {item.name} holds values that are not finite")
             taken[item.name] = theirs.copy()
-        index = taken["ring_index"]
-        if index.size and (index.min() < 0 or index.max() >= self.model.basis.size):
-            raise ConfigError("state array ring_index points outside the basis")
         taken["shape"] = self._work.shape
         taken["law"] = self._work.law
         self._work = Workspace(**taken)

@@ -51,7 +51,7 @@ LEAST_POWER = 1e-12
 """Floor of the running powers: float noise of a perfect model is no alarm."""
 
 LARGEST_PARAMETER = 1e6
-"""Guard: no normalised parameter grows beyond this."""
+"""Guard: the norm of the normalised parameters stays below this."""
 
 
 @dataclass
@@ -62,8 +62,9 @@ class Workspace:
     ----------
     shape : (4,) int64, number of FIR taps, weights, theory taps and extension columns.
     theta : (n,) parameters [A, W, A1, C] in normalised units.
-    ring_index, ring_value : (taps, width), the last rows of Psi; `status[HEAD]` is the newest.
-    ring_theory : (max(theory taps, 1),), the last values of d, newest at `status[SEEN] % size`.
+    ring : (taps, weights), the last rows of Psi, dense (so that the loops over them vectorise); `status[HEAD]` counts
+        the rows, the newest is at `status[HEAD] % taps`.
+    ring_theory : (max(theory taps, 1),), the last values of d, newest at `status[HEAD] % size`.
     root : (n, n), square root S of the covariance P = S S' (rls), else (0, 0).
     diagonal : (n,), the diagonal of P (rls), else (0,).
     prior : (n,), the metric of nlms; for rls the diagonal of P before the first sample, which no variance exceeds;
@@ -75,8 +76,7 @@ class Workspace:
 
     shape: Ints
     theta: Floats
-    ring_index: NDArray[np.int32]
-    ring_value: Floats
+    ring: Floats
     ring_theory: Floats
     root: Floats
     diagonal: Floats
@@ -94,46 +94,57 @@ class Workspace:
         return tuple(getattr(self, f.name) for f in fields(self))
 
 
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def _dot(a, b):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return a' b, summed in the order that vectorises (the same for every call)."""
+    total = 0.0
+    for i in range(a.size):
+        total += a[i] * b[i]
+    return total
+
+
 @njit(cache=True)
-def _push(shape, ring_index, ring_value, ring_theory, status, index, value, theory, restart):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def _push(shape, ring, ring_theory, status, index, value, theory, restart):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Put the newest row into the delay lines; a restart fills them with it (as if it had stood there)."""
     taps = shape[TAPS]
+    status[HEAD] = 0 if restart else status[HEAD] + 1
+    row = ring[status[HEAD] % taps]
+    row[:] = 0.0
+    for k in range(index.size):
+        row[index[k]] = value[k]
     if restart:
-        for i in range(taps):
-            ring_index[i, :] = index
-            ring_value[i, :] = value
+        for i in range(1, taps):
+            ring[i, :] = row
         ring_theory[:] = theory
-        status[HEAD] = 0
-        return
-    head = status[HEAD] + 1
-    status[HEAD] = head
-    ring_index[head % taps, :] = index
-    ring_value[head % taps, :] = value
-    ring_theory[head % ring_theory.size] = theory
+    else:
+        ring_theory[status[HEAD] % ring_theory.size] = theory
 
 
-@njit(cache=True)
-def _regress(shape, theta, ring_index, ring_value, ring_theory, status, extension, x):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def _regress(shape, theta, ring, ring_theory, status, extension, x):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Fill the gradient x and return the prediction."""
     taps, weights, theory_taps = shape[TAPS], shape[WEIGHTS], shape[THEORY_TAPS]
-    width = ring_index.shape[1]
     head = status[HEAD]
-    x[taps : taps + weights] = 0.0
+    w = theta[taps : taps + weights]
+    filtered = x[taps : taps + weights]
+    filtered[:] = 0.0
     prediction = 0.0
+    place = head % taps
     for i in range(taps):
-        row = (head - i) % taps
+        row = ring[place]
+        place = place - 1 if place > 0 else taps - 1
         tap = theta[i]
         g = 0.0
-        for k in range(width):
-            place = ring_index[row, k]
-            psi = ring_value[row, k]
-            g += theta[taps + place] * psi
-            x[taps + place] += tap * psi
+        for k in range(weights):
+            g += row[k] * w[k]
+            filtered[k] += tap * row[k]
         x[i] = g
         prediction += tap * g
     start = taps + weights
+    place = head % ring_theory.size
     for i in range(theory_taps):
-        lagged = ring_theory[(head - i) % ring_theory.size]
+        lagged = ring_theory[place]
+        place = place - 1 if place > 0 else theory_taps - 1
         x[start + i] = lagged
         prediction += theta[start + i] * lagged
     start += theory_taps
@@ -159,16 +170,14 @@ def _normalise_taps(shape, theta):  # type: ignore[no-untyped-def] # pragma: no 
 
 
 @njit(cache=True)
-def _gradient_step(theta, x, gain, status):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """theta += gain x, unless a parameter would leave the guarded range: then nothing is learned here."""
-    largest = 0.0
-    for i in range(theta.size):
-        largest = max(largest, abs(theta[i] + gain * x[i]))
-    if not largest < LARGEST_PARAMETER:  # also true for NaN
+def _step_along(theta, direction, gain, status):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """theta += gain direction, unless |theta| could leave the guarded range: then nothing is learned here."""
+    reach = np.sqrt(_dot(theta, theta)) + abs(gain) * np.sqrt(_dot(direction, direction))
+    if not reach < LARGEST_PARAMETER:  # also true for NaN
         status[GUARDED] += 1
         return False
     for i in range(theta.size):
-        theta[i] += gain * x[i]
+        theta[i] += gain * direction[i]
     return True
 
 
@@ -179,14 +188,12 @@ def _learn_lms(shape, theta, law, status, x, error):  # type: ignore[no-untyped-
     Guard: where mu |x|^2 > 1 the step would overshoot the sample that it learns from, the first sign of divergence;
     it is shortened to mu = 1/|x|^2 and counted.
     """
-    energy = 0.0
-    for i in range(x.size):
-        energy += x[i] * x[i]
+    energy = _dot(x, x)
     step = law[STEP]
     if step * energy > 1.0:
         step = 1.0 / energy
         status[GUARDED] += 1
-    if _gradient_step(theta, x, step * error, status):
+    if _step_along(theta, x, step * error, status):
         _normalise_taps(shape, theta)
 
 
@@ -216,7 +223,7 @@ def _learn_nlms(shape, theta, law, status, prior, x, error, gain):  # type: igno
     for i in range(x.size):
         gain[i] = prior[i] * x[i]
         energy += gain[i] * x[i]
-    if _gradient_step(theta, gain, law[STEP] * error / energy, status):
+    if _step_along(theta, gain, law[STEP] * error / energy, status):
         _move_norm_into_weights(shape, theta)
 
 
@@ -252,17 +259,12 @@ def _learn_rls(shape, theta, law, moments, status, root, diagonal, prior, x, err
         if xi != 0.0:
             for j in range(n):
                 projected[j] += root[i, j] * xi
-    r = 0.0
-    for j in range(n):
-        r += projected[j] * projected[j]
+    r = _dot(projected, projected)
     if not r < 1e12 or r < 1e-14:
         return
     for i in range(n):
-        total = 0.0
-        for j in range(n):
-            total += root[i, j] * projected[j]
-        gain[i] = total
-    if not _gradient_step(theta, gain, error / (1.0 + r), status):
+        gain[i] = _dot(root[i], projected)
+    if not _step_along(theta, gain, error / (1.0 + r), status):
         return
     shrink = 1.0 / (law[FORGETTING] * (1.0 + r))
     change = (1.0 - shrink) / r  # P <- P - change g g'
@@ -290,10 +292,7 @@ def _learn_rls(shape, theta, law, moments, status, root, diagonal, prior, x, err
     if moments[DIAGONAL_AGE] >= 1000.0:  # rounding must not gather in the running diagonal
         moments[DIAGONAL_AGE] = 0.0
         for i in range(n):
-            total = 0.0
-            for j in range(n):
-                total += root[i, j] * root[i, j]
-            diagonal[i] = total
+            diagonal[i] = _dot(root[i], root[i])
 
 
 @njit(cache=True)
@@ -309,8 +308,7 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     predicted,
     shape,
     theta,
-    ring_index,
-    ring_value,
+    ring,
     ring_theory,
     root,
     diagonal,
@@ -337,8 +335,7 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     for k in range(target.size):
         _push(
             shape,
-            ring_index,
-            ring_value,
+            ring,
             ring_theory,
             status,
             index[k],
@@ -347,7 +344,7 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
             restart[k] or status[SEEN] == 0,
         )
         status[SEEN] += 1
-        predicted[k] = _regress(shape, theta, ring_index, ring_value, ring_theory, status, extension[k], x)
+        predicted[k] = _regress(shape, theta, ring, ring_theory, status, extension[k], x)
         error = target[k] - predicted[k]
         limit = CLIP * np.sqrt(moments[ERROR_POWER])
         clipped = min(max(error, -limit), limit)
