@@ -23,6 +23,7 @@ LIMIT_S = 60.0
 """A condition that does not hold after this long is a failure; far above what a busy machine needs."""
 
 NS = 1_000_000_000
+ROOT = Path(__file__).resolve().parents[1]
 RELIABLE = {
     f"qos_overrides./{topic}.subscription.reliability": "reliable" for topic in ("velocity", "friction", "joint_states")
 }
@@ -217,6 +218,26 @@ class Graph:
             return future.result()
         finally:
             self.probe.destroy_client(client)
+
+    def call_get(self, node: str, name: str) -> Any:
+        """Return a parameter of a node as its message gives it."""
+        from rcl_interfaces.srv import GetParameters
+        from rclpy.parameter import parameter_value_to_python
+
+        return parameter_value_to_python(self.call(GetParameters, f"{node}/get_parameters", names=[name]).values[0])
+
+    def call_set(self, node: str, *, atomically: bool = True, **values: Any) -> Any:
+        """Set parameters (dots are written __); return the answers, one if set atomically."""
+        from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+        from rclpy.parameter import Parameter
+
+        messages = [
+            Parameter(name.replace("__", "."), value=value).to_parameter_msg() for name, value in values.items()
+        ]
+        if atomically:
+            kind, service = SetParametersAtomically, "set_parameters_atomically"
+            return self.call(kind, f"{node}/{service}", parameters=messages).result
+        return self.call(SetParameters, f"{node}/set_parameters", parameters=messages).results
 
 
 def qos(reliable: bool, depth: int) -> Any:

@@ -1,0 +1,264 @@
+"""Every parameter: declared from its setting, checked, explained; the node outlives whatever it is given."""
+
+import math
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+import ros_graph
+import yaml
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
+from rclpy.parameter import Parameter as RosParameter
+
+from friction_estimator.core.config import PARAMETERS
+from friction_estimator.ros import parameter_file
+from friction_estimator.ros.arguments import beside_its_file, repaired
+
+pytestmark = pytest.mark.ros
+NODE = "/friction_estimator"
+CONFIG = ros_graph.ROOT / "config" / "estimator.yaml"
+
+
+@pytest.fixture
+def graph(tmp_path):
+    with ros_graph.graph(tmp_path) as made:
+        yield made
+
+
+def setter(graph):
+    """Return a function that sets one parameter by service and returns (successful, reason)."""
+
+    def put(name, value, kind=None):
+        given = RosParameter(name, kind, value) if kind else RosParameter(name, value=value)
+        answer = graph.call(SetParameters, f"{NODE}/set_parameters", parameters=[given.to_parameter_msg()])
+        return answer.results[0].successful, answer.results[0].reason
+
+    return put
+
+
+def out_of_range(item):
+    return [value for bound, value in ((item.low, item.low - abs(item.low) - 1), (item.high, 2 * abs(item.high) + 1))
+            if math.isfinite(bound)]  # fmt: skip
+
+
+def test_every_parameter_through_the_services(graph):
+    """In range, out of range, wrong type, integer for double, NaN, unknown name: the answer names the culprit."""
+    process = graph.start_node()
+    put = setter(graph)
+    listed = set(graph.call(ListParameters, f"{NODE}/list_parameters").result.names)
+    assert set(PARAMETERS) <= listed
+    described = graph.call(DescribeParameters, f"{NODE}/describe_parameters", names=list(PARAMETERS)).descriptors
+    for item, described_item in zip(PARAMETERS.values(), described, strict=True):
+        assert described_item.description == item.description
+        assert item.unit in described_item.additional_constraints
+        if item.element in (int, float) and math.isfinite(item.low):
+            assert described_item.floating_point_range or described_item.integer_range
+        wanted = {float: "DOUBLE", int: "INTEGER", str: "STRING", bool: "BOOL"}[item.element]
+        assert described_item.type == getattr(ParameterType, f"PARAMETER_{wanted}{'_ARRAY' * item.is_array}"), item.name
+
+    for item in PARAMETERS.values():
+        if item.learned:
+            continue
+        good = list(item.default) if item.is_array else item.default
+        array = RosParameter.Type.STRING_ARRAY if item.element is str else RosParameter.Type.DOUBLE_ARRAY
+        accepted, reason = put(item.name, good, array if item.is_array else None)
+        assert accepted, f"{item.name}: {reason}"
+        bad = [b"x", [b"x"], {"a": 1}] and [[True, False]] if item.element is not bool else ["yes", 1]
+        if item.is_array:
+            bad += [3, "word"]
+            if item.element is float:
+                bad += [[math.nan, 1.0], [math.inf, 1.0], ["a"]]
+        elif item.element in (int, float):
+            bad += ["word", True, [1.0, 2.0], *out_of_range(item)]
+            bad += [math.nan, math.inf] if item.element is float else [1.5]
+        elif item.element is str:
+            bad += [1, 2.5, True] + (["nonsense"] if item.choices else [])
+        for value in bad:
+            accepted, reason = put(item.name, value)
+            assert not accepted, f"{item.name} took {value!r}"
+            assert item.name in reason, f"{item.name} = {value!r}: {reason}"
+            assert len(reason) > len(item.name) + 8
+        if item.element is float and not item.is_array:
+            whole = next((v for v in (1, 0, 2, 100, 10**6) if item.low <= v <= item.high), None)
+            if whole is not None:
+                accepted, reason = put(item.name, whole)
+                assert accepted, f"{item.name} = {whole} (an integer for a double): {reason}"
+                assert type(graph.call_get(NODE, item.name)) is float
+                assert put(item.name, item.default)[0]
+        unset = ParameterMessage(name=item.name)
+        answer = graph.call(SetParameters, f"{NODE}/set_parameters", parameters=[unset]).results[0]
+        assert answer.successful == item.is_array, f"{item.name} without value: {answer.reason}"
+
+    for unknown in ("rls.forgetting", "", "basis", "no.such.name"):
+        accepted, reason = put(unknown, 1.0)
+        assert not accepted
+        assert unknown in reason
+    accepted, reason = put("rls.forgetting", 1.0)
+    assert "rls.forgetting_factor" in reason
+    assert process.popen.poll() is None, process.output()
+    assert process.stop() == 0
+
+
+def test_what_acts_when(graph):
+    graph.start_node()
+    answer = graph.call_set(NODE, fir__order=4, lms__step_size=0.01)
+    assert answer.successful
+    assert "fir.order" in answer.reason
+    assert "~/reset" in answer.reason
+    assert "lms.step_size" not in answer.reason
+    assert len(graph.call_get(NODE, "learned.fir_taps")) == 9
+    from std_srvs.srv import Trigger
+
+    assert graph.call(Trigger, f"{NODE}/reset").success
+    assert len(graph.call_get(NODE, "learned.fir_taps")) == 5
+    answer = graph.call_set(NODE, basis__finest_level=3, basis__coarsest_level=1)
+    assert not answer.successful
+    assert "basis.coarsest_level" in answer.reason
+    # A set is taken as a whole or not at all.
+    answer = graph.call_set(NODE, theory__kind="none", lms__step_size=2.0)
+    assert not answer.successful
+    assert graph.call_get(NODE, "theory.kind") == "seal"
+    answer = graph.call_set(NODE, theory__kind="none", model__type="hammerstein")
+    assert answer.successful, answer.reason
+
+
+def test_learned_values_set_from_outside(graph):
+    """Judged as a whole, without touching what runs when refused."""
+    graph.start_node()
+    weights = list(graph.call_get(NODE, "learned.wavelet_weights"))
+    taps = list(graph.call_get(NODE, "learned.fir_taps"))
+    for values, culprit in (
+        ({"learned__wavelet_weights": weights[1:]}, "learned.wavelet_weights"),
+        ({"learned__fir_taps": [*taps, 0.5]}, "learned.fir_taps"),
+        ({"learned__fir_taps": [math.nan] * len(taps)}, "learned.fir_taps"),
+        ({"learned__fir_taps": taps, "learned__wavelet_weights": [*weights, 1.0]}, "learned.wavelet_weights"),
+        ({"learned__fir_taps": [1e9] * len(taps)}, "learned"),
+    ):
+        answer = graph.call_set(NODE, **values)
+        assert not answer.successful
+        assert culprit in answer.reason
+    assert list(graph.call_get(NODE, "learned.wavelet_weights")) == weights
+    new = [0.01 * k for k in range(len(weights))]
+    answer = graph.call_set(NODE, learned__wavelet_weights=new, learned__fir_taps=taps)
+    assert answer.successful, answer.reason
+    assert list(graph.call_get(NODE, "learned.wavelet_weights")) == new
+
+
+def test_start_up_values(graph):
+    """What cannot be used is refused by name; everything else counts; the node lives."""
+    process = graph.start_node(
+        {
+            "fir": {"order": 4},
+            "rls": {"forgetting_factor": 1, "forgeting": 0.9},
+            "lms": {"step_size": 7.0},
+            "nlms": {"step_size": "fast"},
+            "basis": {"velocity_range": [-1, 0.5], "velocity_unit": float("nan")},
+            "theory": {"kind": "none"},
+            "use_sim_time": 1,
+            "learned": {"fir_taps": []},
+        },
+        arguments=("-p", "seal.density:=900", "-p", "seal.roughness:=3", "-p", "modle.type:=parallel"),
+    )
+    assert graph.call_get(NODE, "fir.order") == 4
+    assert graph.call_get(NODE, "rls.forgetting_factor") == 1.0
+    assert list(graph.call_get(NODE, "basis.velocity_range")) == [-1.0, 0.5]
+    assert graph.call_get(NODE, "seal.density") == 900.0
+    assert graph.call_get(NODE, "lms.step_size") == PARAMETERS["lms.step_size"].default
+    output = process.output()
+    for words in (
+        "unknown parameter rls.forgeting; nearest: rls.forgetting_factor",
+        "lms.step_size: 7.0 is out of range",
+        "nlms.step_size: 'fast' is of type str, expected float",
+        "basis.velocity_unit: nan is not a finite number",
+        "seal.roughness: 3.0 is out of range",
+        "unknown parameter modle.type; nearest: model.type",
+        "theory.kind",
+        "use_sim_time",
+    ):
+        assert words in output, f"{words!r} not in\n{output}"
+    assert process.stop() == 0
+
+
+def test_unusable_arguments_are_one_line(graph):
+    file = graph.folder / "broken.yaml"
+    file.write_text("/**:\n  ros__parameters: [1, 2\n")
+    process = graph.start("-m", "friction_estimator.ros.node", "--ros-args", "--params-file", str(file))
+    assert process.popen.wait(ros_graph.LIMIT_S) == 2
+    assert "Traceback" not in process.output()
+    assert "broken.yaml" in process.output()
+
+
+def test_a_dump_starts_the_next_node_warm(graph):
+    """What `ros2 param dump` reads and writes, then the same predictions."""
+    import numpy as np
+    from geometry_msgs.msg import WrenchStamped
+
+    stamps, velocity, friction = ros_graph.motion(600, 400.0)
+
+    def predictions(stop, **parameters):
+        process = graph.start_node(parameters)
+        feeder = ros_graph.Feeder(graph)
+        heard = graph.hear(WrenchStamped, f"{NODE}/friction_predicted", raw=True)
+        feeder.matched()
+        graph.heard_by(f"{NODE}/friction_predicted")
+        for _ in range(2 if stop else 1):
+            before = len(heard)
+            for k, (stamp, v, f) in enumerate(zip(stamps.tolist(), velocity, friction, strict=True)):
+                feeder.pair(stamp, v, f)
+                ros_graph.await_(lambda n=before + k - 20: len(heard) > n, "predictions")
+            ros_graph.await_(lambda n=before: len(heard) == n + stamps.size, "predictions")
+            if stop:
+                assert graph.call_set(NODE, model__adapt=False).successful
+        dumped = {}
+        for name in sorted(graph.call(ListParameters, f"{NODE}/list_parameters").result.names):
+            value = graph.call_get(NODE, name)
+            dumped[name] = list(value) if hasattr(value, "__len__") and not isinstance(value, str) else value
+        assert process.stop() == 0
+        return [ros_graph.force(raw)[1] for raw in heard[-stamps.size :]], dumped
+
+    first, dump = predictions(True)
+    assert np.std(first) > 1.0
+    text = yaml.dump(dump)  # as ros2 param dump does, empty arrays included
+    assert "[]" in text
+    again, dump_again = predictions(False, **yaml.safe_load(text))
+    assert again == first
+    assert dump_again == dump
+
+
+def test_relative_paths_belong_to_their_file(graph):
+    folder = graph.folder / "rig"
+    folder.mkdir()
+    file = folder / "mine.yaml"
+    file.write_text("/**:\n  ros__parameters:\n    state:\n      file: learned/state.json\n")
+    assert beside_its_file("state.file", "learned/state.json", [file]) == str(folder / "learned/state.json")
+    assert beside_its_file("state.file", "other.json", [file]) == "other.json"
+    process = graph.start("-m", "friction_estimator.ros.node", "--ros-args", "--params-file", str(file))
+    process.says("listening")
+    assert graph.call_get(NODE, "state.file") == str(folder / "learned/state.json")
+    assert process.stop() == 0
+
+
+def test_mixed_arrays_are_made_doubles(tmp_path):
+    file = tmp_path / "a.yaml"
+    file.write_text("/**: {ros__parameters: {basis: {velocity_range: [0, 0.15]}}}")
+    other = tmp_path / "b.yaml"
+    other.write_text("/**: {ros__parameters: {fir: {order: 3}}}")
+    given = ["node", "--ros-args", "--params-file", str(file), "--params-file", str(other), "-p", "x:=[1, 2.5]"]
+    result = repaired(given, tmp_path)
+    assert yaml.safe_load((tmp_path / "3.yaml").read_text())["/**"]["ros__parameters"]["basis"] == {
+        "velocity_range": [0.0, 0.15]
+    }
+    assert result[5] == str(other)
+    assert result[7] == "x:=[1.0, 2.5]"
+
+
+def test_parameter_file_is_up_to_date():
+    """config/estimator.yaml is what parameter_file writes, and holds the defaults."""
+    assert CONFIG.read_text() == parameter_file.text()
+    from friction_estimator.core.config import Config
+    from friction_estimator.files import read_config
+
+    assert read_config(CONFIG) == Config()
