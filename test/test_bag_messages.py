@@ -12,6 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 from friction_estimator.bag.layout import SLACK
 from friction_estimator.bag.messages import (
     AXES,
+    CHOOSE_JOINT,
     EXTRACTORS,
     INPUTS,
     Decoder,
@@ -189,8 +190,8 @@ def test_what_a_writer_leaves_behind_the_last_member_changes_nothing(kind, form,
         ([], [[], [], []], Want("friction"), "joint names are empty and effort is empty"),
         ([], [[], [1.0], []], Want("velocity"), "joint names are empty"),
         (["a"], [[], [1.0], []], Want("friction"), "effort is empty"),
-        (["a", "b"], [[], [1.0, 2.0], []], Want("velocity"), "several joints (a, b): choose one with --joint"),
-        (["a", "b"], [[], [1.0, 2.0], []], Want("velocity", joint="c"), "no joint 'c' (there are a, b)"),
+        (["a", "b"], [[], [1.0, 2.0], []], Want("velocity"), f"several joints (a, b): {CHOOSE_JOINT}"),
+        (["a", "b"], [[], [1.0, 2.0], []], Want("velocity", joint="c"), f"no joint 'c' among a, b: {CHOOSE_JOINT}"),
         (["a", "b"], [[], [1.0], []], Want("velocity", joint="b"), "velocity has 1 values for 2 joints"),
     ],
 )

@@ -22,6 +22,9 @@ INPUTS = ("velocity", "friction", "pressure", "temperature", "position")
 
 AXES = ("x", "y", "z")
 
+CHOOSE_JOINT = "choose one with --joint"
+"""Ends every reason that another choice of joint removes."""
+
 _MANY_LAYOUTS = 8
 """Layouts looked for in one batch before its remaining messages are read one by one."""
 
@@ -102,9 +105,9 @@ class JointStates:
         if not names:
             return cursor.layout(None, "joint names are empty" + ("" if count else f" and {label} is empty"))
         if not want.joint and len(names) > 1:
-            return cursor.layout(None, f"several joints ({', '.join(names)}): choose one with --joint")
+            return cursor.layout(None, f"several joints ({', '.join(names)}): {CHOOSE_JOINT}")
         if want.joint and want.joint not in names:
-            return cursor.layout(None, f"no joint {want.joint!r} (there are {', '.join(names)})")
+            return cursor.layout(None, f"no joint {want.joint!r} among {', '.join(names)}: {CHOOSE_JOINT}")
         index = names.index(want.joint) if want.joint else 0
         cursor.joint = names[index]
         if not count:
@@ -209,25 +212,26 @@ class Decoder:
             raise NoValueError(layout.absence)
         return stamp_ns, self._value.unpack_from(raw, layout.value_at)[0]
 
-    def many(self, messages: Sequence[bytes]) -> Decoded:
-        """Return the numbers of messages of any lengths. Raises LayoutError."""
+    def many(self, messages: Rows | Sequence[bytes]) -> Decoded:
+        """Return the numbers of messages: (n, length) uint8, one a row, or bytes of any lengths. Raises LayoutError."""
+        if isinstance(messages, np.ndarray):
+            return self._rows(messages)
         n = len(messages)
         lengths = np.fromiter(map(len, messages), np.int64, n)
         kinds = np.unique(lengths)
         if kinds.size == 1:
-            return self.rows(np.frombuffer(b"".join(messages), np.uint8).reshape(n, kinds[0]))
+            return self._rows(np.frombuffer(b"".join(messages), np.uint8).reshape(n, kinds[0]))
         stamps, value, present = np.zeros(n, np.int64), np.full(n, np.nan), np.zeros(n, np.bool_)
         for length in kinds:
             own = np.flatnonzero(lengths == length)
             joined = b"".join([messages[k] for k in own.tolist()])
-            part = self.rows(np.frombuffer(joined, np.uint8).reshape(own.size, length))
+            part = self._rows(np.frombuffer(joined, np.uint8).reshape(own.size, length))
             value[own], present[own] = part.value, part.present
             if part.stamp_ns is not None:
                 stamps[own] = part.stamp_ns
         return Decoded(stamps if self._extractor.stamped else None, value, present)
 
-    def rows(self, rows: Rows) -> Decoded:
-        """Return the numbers of messages of equal length, one a row of (n, length) uint8. Raises LayoutError."""
+    def _rows(self, rows: Rows) -> Decoded:
         n = rows.shape[0]
         stamps, value, present = np.zeros(n, np.int64), np.full(n, np.nan), np.zeros(n, np.bool_)
         left = np.arange(n)
@@ -269,6 +273,7 @@ def _column(rows: Rows, place: int, code: str) -> NDArray[Any]:
 
 __all__ = [
     "AXES",
+    "CHOOSE_JOINT",
     "EXTRACTORS",
     "INPUTS",
     "Decoded",
@@ -276,5 +281,6 @@ __all__ = [
     "Extractor",
     "LayoutError",
     "NoValueError",
+    "Rows",
     "Want",
 ]

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, Protocol
 
 from friction_estimator.core.config import Config
 from friction_estimator.core.errors import FrictionEstimatorError, InputError
@@ -162,17 +162,26 @@ def _plain(value: object) -> object:
     raise TypeError(f"{type(value).__name__} has no JSON form")
 
 
+class Advance(Protocol):
+    """Takes the amount of work just done, and the amount there is in all where that is known only now."""
+
+    def __call__(self, done: int, total: int | None = None) -> None:
+        """Advance by `done`."""
+
+
 @contextmanager
-def progress(label: str, total: int, unit: str = "samples") -> Iterator[Callable[[int], None]]:
-    """Yield a function that takes the amount of work just done; shows a bar on a terminal and nothing in a pipe."""
-    if not sys.stderr.isatty():
-        yield lambda _: None
-        return
-    from tqdm import tqdm  # noqa: PLC0415 - not needed in a pipe
+def progress(label: str, total: int | None = None, unit: str = "samples") -> Iterator[Advance]:
+    """Yield an `Advance`; it moves a bar on a terminal and does nothing in a pipe."""
+    from tqdm import tqdm  # noqa: PLC0415 - `--help` needs none
 
-    with tqdm(total=total, desc=label, unit=f" {unit}", unit_scale=True, leave=False, file=sys.stderr) as bar:
+    silent = not sys.stderr.isatty()
+    with tqdm(
+        total=total, desc=label, unit=f" {unit}", unit_scale=True, leave=False, file=sys.stderr, disable=silent
+    ) as bar:
 
-        def advance(done: int) -> None:
+        def advance(done: int, total: int | None = None) -> None:
+            if total is not None:
+                bar.total = total
             bar.update(done)
 
         yield advance

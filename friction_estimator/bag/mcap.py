@@ -1,0 +1,207 @@
+"""Uncompressed mcap at the speed of numpy, by the index that the file carries.
+
+Each chunk is followed by the places of its messages, so the payloads of a topic are gathered with one indexing
+operation a chunk instead of one step a message. Files without such an index, or with compressed chunks, are left
+to rosbags: `batches` then returns None. Format: https://mcap.dev/spec.
+"""
+
+import os
+import struct
+import zlib
+from collections import Counter
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from friction_estimator.bag.messages import Rows
+from friction_estimator.core.sample import Ints
+
+Batch = tuple[str, Ints, Rows | list[bytes]]
+"""Topic, time of recording (ns, one a message), payloads: rows of equal length, or bytes of any lengths."""
+
+MAGIC = b"\x89MCAP0\r\n"
+
+_CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX, _CHUNK_INDEX, _STATISTICS = 0x04, 0x05, 0x06, 0x07, 0x08, 0x0B
+
+_RECORD = struct.Struct("<BQ")  # opcode, length of what follows
+_FOOTER = struct.Struct("<BQQQI8s")
+_CHUNK_HEAD = struct.Struct("<BQQQQIIQ")  # record, times, uncompressed size, crc, no compression, size
+_CHUNK_PLACE = struct.Struct("<QQQQ")  # times, offset, length
+_MESSAGE_HEAD = np.dtype(
+    [("op", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("sent", "<u8")]
+)
+_BODY = _RECORD.size
+_PAYLOAD = _MESSAGE_HEAD.itemsize
+
+
+class DamagedError(ValueError):
+    """The file contradicts itself; says where."""
+
+
+@dataclass(frozen=True)
+class _Chunk:
+    """A chunk's place in the file and the places of its message indices, by channel."""
+
+    start: int
+    length: int
+    index_length: int
+    indices: dict[int, int]
+
+
+@dataclass(frozen=True)
+class _Summary:
+    topics: dict[int, str]  # by channel
+    chunks: list[_Chunk]
+
+
+def batches(path: Path, topics: Collection[str]) -> Iterator[Batch] | None:
+    """Return the messages of some topics chunk by chunk, in the order of the file; None where no index leads to them.
+
+    Raises
+    ------
+    DamagedError, here or while iterating, where the file contradicts itself; OSError where it cannot be read.
+    """
+    with path.open("rb") as file:
+        summary = _read_summary(file)
+    if summary is None:
+        return None
+    wanted = {channel: topic for channel, topic in summary.topics.items() if topic in topics}
+    return _read_chunks(path, summary.chunks, wanted)
+
+
+def _read_summary(file: BinaryIO) -> _Summary | None:
+    """Read topics and chunk index; None where they do not lead to every message."""
+    size = file.seek(0, os.SEEK_END)
+    if size < _FOOTER.size + len(MAGIC):
+        return None
+    file.seek(size - _FOOTER.size)
+    _, _, start, _, _, magic = _FOOTER.unpack(file.read())
+    if magic != MAGIC or not 0 < start < size:
+        return None
+    file.seek(start)
+    data = file.read(size - _FOOTER.size - start)
+    topics: dict[int, str] = {}
+    chunks: list[_Chunk] = []
+    counted: dict[int, int] | None = None
+    at = 0
+    try:
+        while at < len(data):
+            code, length = _RECORD.unpack_from(data, at)
+            body = data[at + _BODY : at + _BODY + length]
+            at += _BODY + length
+            if code == _CHANNEL:
+                channel, encoding, topic = _channel(body)
+                if encoding != "cdr":
+                    return None
+                topics[channel] = topic
+            elif code == _CHUNK_INDEX:
+                chunk = _chunk(body)
+                if chunk is None:
+                    return None
+                chunks.append(chunk)
+            elif code == _STATISTICS:
+                counted = dict(struct.iter_unpack("<HQ", body[46:]))
+    except (struct.error, UnicodeDecodeError) as error:
+        raise DamagedError(f"the summary is damaged ({error})") from error
+    indexed: Counter[int] = Counter()
+    for chunk in chunks:
+        for channel, (place, end) in _index_places(chunk).items():
+            indexed[channel] += (end - place - _BODY - 6) // 16
+    return _Summary(topics, chunks) if counted is not None and indexed == Counter(counted) else None
+
+
+def _channel(body: bytes) -> tuple[int, str, str]:
+    """Return number, message encoding and topic of a Channel record."""
+    (channel,) = struct.unpack_from("<H", body)
+    topic, at = _string(body, 4)
+    encoding, _ = _string(body, at)
+    return channel, encoding, topic
+
+
+def _chunk(body: bytes) -> _Chunk | None:
+    """Read a ChunkIndex record; None for a compressed chunk."""
+    _, _, start, length = _CHUNK_PLACE.unpack_from(body)
+    (size,) = struct.unpack_from("<I", body, 32)
+    indices = dict(struct.iter_unpack("<HQ", body[36 : 36 + size]))
+    (index_length,) = struct.unpack_from("<Q", body, 36 + size)
+    compression, _ = _string(body, 44 + size)
+    return None if compression else _Chunk(start, length, index_length, indices)
+
+
+def _string(body: bytes, at: int) -> tuple[str, int]:
+    (size,) = struct.unpack_from("<I", body, at)
+    return body[at + 4 : at + 4 + size].decode(), at + 4 + size
+
+
+def _index_places(chunk: _Chunk) -> dict[int, tuple[int, int]]:
+    """Return where each channel's message index begins and ends in the file."""
+    ordered = sorted(chunk.indices.items(), key=lambda item: item[1])
+    ends = [place for _, place in ordered[1:]] + [chunk.start + chunk.length + chunk.index_length]
+    return {channel: (place, end) for (channel, place), end in zip(ordered, ends, strict=True)}
+
+
+def _read_chunks(path: Path, chunks: list[_Chunk], wanted: dict[int, str]) -> Iterator[Batch]:
+    with path.open("rb") as file:
+        for chunk in sorted(chunks, key=lambda item: item.start):
+            if wanted.keys().isdisjoint(chunk.indices):
+                continue
+            file.seek(chunk.start)
+            block = file.read(chunk.length + chunk.index_length)
+            try:
+                records = _records(block, chunk)
+                for channel, (place, end) in _index_places(chunk).items():
+                    if channel in wanted:
+                        index = block[place - chunk.start : end - chunk.start]
+                        yield (wanted[channel], *_messages(records, index, channel))
+            except (struct.error, ValueError, IndexError) as error:
+                raise DamagedError(f"the chunk at byte {chunk.start} is damaged ({error})") from error
+
+
+def _records(block: bytes, chunk: _Chunk) -> Rows:
+    """Return the records inside a chunk, checked by its checksum where it has one."""
+    code, _, _, _, size, checksum, compression, stored = _CHUNK_HEAD.unpack_from(block)
+    start = _CHUNK_HEAD.size
+    if code != _CHUNK or compression or size != stored or start + size != chunk.length:
+        raise ValueError("its head does not agree with the index")
+    if len(block) != chunk.length + chunk.index_length:
+        raise ValueError("the file ends in it")
+    records = memoryview(block)[start : start + size]
+    if checksum and zlib.crc32(records) != checksum:
+        raise ValueError("its checksum is wrong")
+    return np.frombuffer(records, np.uint8)
+
+
+def _messages(records: Rows, index: bytes, channel: int) -> tuple[Ints, Rows | list[bytes]]:
+    """Return times and payloads of the messages that an index record lists, in the order of the file."""
+    code, _, number, size = struct.unpack_from("<BQHI", index)
+    if code != _MESSAGE_INDEX or number != channel:
+        raise ValueError("its message index is wrong")
+    entries = np.frombuffer(index, "<u8", size // 8, offset=15)
+    places = np.sort(entries[1::2].astype(np.int64))
+    if not places.size:
+        return np.zeros(0, np.int64), []
+    if not 0 <= places[0] <= places[-1] <= records.size - _PAYLOAD:
+        raise ValueError("its message index leads outside")
+    heads = _gather(records, places, _PAYLOAD).view(_MESSAGE_HEAD)[:, 0]
+    lengths = heads["length"].astype(np.int64) - (_PAYLOAD - _BODY)
+    if np.any(heads["op"] != _MESSAGE) or np.any(heads["channel"] != channel):
+        raise ValueError("its message index leads astray")
+    if np.any(lengths < 0) or np.any(places + _PAYLOAD + lengths > records.size):
+        raise ValueError("a message is longer than the chunk")
+    times = heads["log"].astype(np.int64)
+    if np.all(lengths == lengths[0]):
+        return times, _gather(records, places + _PAYLOAD, int(lengths[0]))
+    ends = (places + _PAYLOAD + lengths).tolist()
+    starts = (places + _PAYLOAD).tolist()
+    return times, [records[start:end].tobytes() for start, end in zip(starts, ends, strict=True)]
+
+
+def _gather(records: Rows, places: NDArray[np.int64], width: int) -> Rows:
+    """Return `width` bytes from each place, one row each."""
+    if width == 0:
+        return np.zeros((places.size, 0), np.uint8)
+    return np.ascontiguousarray(np.lib.stride_tricks.sliding_window_view(records, width)[places])

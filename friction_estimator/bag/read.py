@@ -1,0 +1,249 @@
+"""From a recording to the streams of its inputs, in SI units and in recorded order."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+
+import numpy as np
+from numpy.typing import NDArray
+
+from friction_estimator.bag.messages import (
+    CHOOSE_JOINT,
+    EXTRACTORS,
+    INPUTS,
+    Decoder,
+    LayoutError,
+    NoValueError,
+    Rows,
+    Want,
+)
+from friction_estimator.bag.source import Source, Topic
+from friction_estimator.bag.topics import JOINT_STATES, REQUIRED, Probe, assign
+from friction_estimator.core.config import InputConfig
+from friction_estimator.core.errors import FrictionEstimatorError, InputError, UnanswerableError
+from friction_estimator.core.pairing import STREAMS
+from friction_estimator.core.sample import Floats, Ints
+
+_TIE_ORDER = ("pressure", "temperature", "position", "velocity", "friction")
+"""Order of messages recorded at the same time: what a sample needs comes before what completes it."""
+
+Progress = Callable[[int, int], None]
+"""Takes the messages just read, and how many there are to read in all."""
+
+
+@dataclass(frozen=True)
+class Stream:
+    """One input of a recording, in the order of recording.
+
+    Attributes
+    ----------
+    topic, message_type : where it comes from; the type as ROS writes it (geometry_msgs/msg/TwistStamped).
+    stamp_ns : (n,) int64, header stamp; the time of recording where the type has none (`stamped` is False).
+    log_time_ns : (n,) int64, time of recording.
+    value : (n,) float64, m/s, N, absolute Pa, degC or m.
+    frame_id, joint : of the first message; of the value where it is a joint's.
+    missing : messages that do not hold the joint's value.
+    """
+
+    topic: str
+    message_type: str
+    stamp_ns: Ints
+    log_time_ns: Ints
+    value: Floats
+    frame_id: str = ""
+    joint: str = ""
+    missing: int = 0
+    stamped: bool = True
+
+    def __len__(self) -> int:
+        return int(self.value.size)
+
+
+@dataclass(frozen=True)
+class Events:
+    """Messages of all inputs as they were recorded, each (n,): `stream` indexes `pairing.STREAMS`."""
+
+    stream: NDArray[np.int8]
+    stamp_ns: Ints
+    value: Floats
+
+    def __len__(self) -> int:
+        return int(self.value.size)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """The inputs of one recording.
+
+    Attributes
+    ----------
+    path : the recording.
+    streams : by input; velocity and friction always, pressure, temperature and position where recorded.
+    topics : all topics of the recording.
+    notes : what is worth telling about the choice of topics, a line each.
+    """
+
+    path: Path
+    streams: Mapping[str, Stream]
+    topics: tuple[Topic, ...]
+    notes: tuple[str, ...] = ()
+
+    def events(self) -> Events:
+        """Return the messages of all inputs in recorded order: by time of recording, stable.
+
+        At equal times held channels come first, then velocity, then friction.
+        """
+        names = [name for name in _TIE_ORDER if name in self.streams]
+        parts = [self.streams[name] for name in names]
+        order = recorded_order(*(part.log_time_ns for part in parts))
+        number = [np.full(len(part), STREAMS.index(name), np.int8) for name, part in zip(names, parts, strict=True)]
+        return Events(
+            np.concatenate(number)[order],
+            np.concatenate([part.stamp_ns for part in parts])[order],
+            np.concatenate([part.value for part in parts])[order],
+        )
+
+
+def recorded_order(*log_times_ns: Ints) -> NDArray[np.intp]:
+    """Return the order that merges streams by time of recording.
+
+    The indices are into the concatenated streams. Ties keep the order of the arguments, and the order within a
+    stream.
+
+    >>> recorded_order(np.array([1, 5]), np.array([1, 3])).tolist()
+    [0, 2, 3, 1]
+    """
+    return np.argsort(np.concatenate(log_times_ns), kind="stable")
+
+
+def read_recording(
+    path: str | PurePath,
+    config: InputConfig | None = None,
+    topics: Mapping[str, str] | None = None,
+    progress: Progress | None = None,
+) -> Recording:
+    """Read the inputs of a recording.
+
+    Parameters
+    ----------
+    path : ROS 2 recording (folder with metadata.yaml, .mcap or .db3 file) or ROS 1 .bag file.
+    config : axis, joint and mode; the defaults unless given.
+    topics : topic by input where the user names it (see `topics.assign`).
+    progress : is told of every batch read.
+
+    Raises
+    ------
+    InputError where the recording is damaged or a choice is needed; UnanswerableError where it does not hold
+    velocity and friction.
+    """
+    config = config or InputConfig()
+    with Source(path) as source:
+        where = str(source.path)
+        chosen = assign(where, source.topics, topics or {}, config.mode, _probe(source, config))
+        builders = {name: _Builder(name, topic, config, source.ros1) for name, topic in chosen.topics.items()}
+        counts = {item.topic.name: item.topic.count for item in builders.values()}
+        for topic_name, log_time_ns, messages in source.batches(counts):
+            for builder in builders.values():
+                if builder.topic.name == topic_name:
+                    try:
+                        builder.add(log_time_ns, messages)
+                    except LayoutError as error:
+                        raise InputError(
+                            f"{where}: a message on {builder.topic.name} is no "
+                            f"{builder.topic.message_type.replace('/msg/', '/')}: {error}; "
+                            "record it again, or leave the topic out"
+                        ) from error
+            if progress is not None:
+                progress(len(messages), sum(counts.values()))
+        notes = list(chosen.notes)
+        streams: dict[str, Stream] = {}
+        failures: list[FrictionEstimatorError] = []
+        for name in INPUTS:
+            if name not in builders:
+                continue
+            try:
+                streams[name] = builders[name].stream()
+            except (InputError, UnanswerableError) as error:
+                if name in REQUIRED or name in chosen.explicit:
+                    failures.append(error)
+                elif builders[name].topic != builders["velocity"].topic:
+                    notes.append(f"no {name} is used: {error}")
+        if failures:
+            raise type(failures[0])(f"{where}: {'; '.join(map(str, failures))}")
+        return Recording(source.path, streams, source.topics, tuple(notes))
+
+
+def _probe(source: Source, config: InputConfig) -> Probe:
+    """Return a function that says why a topic's first message does not hold an input, or ""."""
+
+    def why_not(name: str, topic: Topic) -> str:
+        raw = source.first(topic.name)
+        if raw is None:
+            return "no messages"
+        reasons = []
+        for quantity in REQUIRED if name == JOINT_STATES else (name,):
+            want = Want(quantity, config.axis, config.joint)
+            try:
+                Decoder(EXTRACTORS[topic.message_type], want, ros1=source.ros1).one(raw)
+            except (LayoutError, NoValueError) as error:
+                reasons.append(f"no {quantity}, {error}")
+        return "; ".join(reasons)
+
+    return why_not
+
+
+class _Builder:
+    """Collects one stream batch by batch."""
+
+    def __init__(self, name: str, topic: Topic, config: InputConfig, ros1: bool) -> None:
+        self.topic = topic
+        self._name, self._joint_named = name, bool(config.joint)
+        self._extractor = EXTRACTORS[topic.message_type]
+        self._decoder = Decoder(self._extractor, Want(name, config.axis, config.joint), ros1=ros1)
+        self._stamps: list[Ints] = []
+        self._log_times: list[Ints] = []
+        self._values: list[Floats] = []
+        self._frame_id: str | None = None
+
+    def add(self, log_time_ns: Ints, messages: Rows | list[bytes]) -> None:
+        """Decode a batch. Raises LayoutError."""
+        if not len(messages):
+            return
+        decoded = self._decoder.many(messages)
+        if self._frame_id is None:
+            self._frame_id = min(self._decoder.frames, default="")
+        self._stamps.append((log_time_ns if decoded.stamp_ns is None else decoded.stamp_ns)[decoded.present])
+        self._log_times.append(log_time_ns[decoded.present])
+        self._values.append(decoded.value[decoded.present])
+
+    def stream(self) -> Stream:
+        """Return what was collected, in the order of recording.
+
+        Raises InputError where the joint is not clear, UnanswerableError where there is no value.
+        """
+        topic, absences = self.topic, self._decoder.absences
+        joints = sorted(self._decoder.joints)
+        if len(joints) > 1:
+            raise InputError(f"{topic} holds several joints ({', '.join(joints)}): {CHOOSE_JOINT}")
+        value = np.concatenate(self._values) if self._values else np.zeros(0)
+        choice = [reason for reason in absences if reason.endswith(CHOOSE_JOINT)]
+        if choice and not (value.size and self._joint_named):
+            raise InputError(f"{topic} gives no {self._name}: {choice[0]}")
+        if not value.size:
+            reason = absences.most_common(1)[0][0] if absences else "no messages"
+            raise UnanswerableError(f"{topic} gives no {self._name}: {reason}")
+        log_time_ns, stamp_ns = np.concatenate(self._log_times), np.concatenate(self._stamps)
+        if np.any(np.diff(log_time_ns) < 0):
+            order = recorded_order(log_time_ns)
+            log_time_ns, stamp_ns, value = log_time_ns[order], stamp_ns[order], value[order]
+        return Stream(
+            topic=topic.name,
+            message_type=topic.message_type,
+            stamp_ns=stamp_ns,
+            log_time_ns=log_time_ns,
+            value=value,
+            frame_id=self._frame_id or "",
+            joint="".join(joints),
+            missing=absences.total(),
+            stamped=self._extractor.stamped,
+        )

@@ -1,0 +1,167 @@
+"""Recordings as files: which topics there are, and the raw messages of some of them.
+
+Every failure ends as one InputError that names the file and what to do about it.
+"""
+
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+from types import TracebackType
+
+import numpy as np
+import yaml
+from rosbags.rosbag1 import Reader as Reader1
+from rosbags.rosbag2 import Reader as Reader2
+
+from friction_estimator.bag import mcap
+from friction_estimator.bag.mcap import Batch
+from friction_estimator.core.errors import FrictionEstimatorError, InputError
+
+BATCH = 8192
+"""Messages handed on at a time: bounds the memory of a pass over a recording."""
+
+STORAGE_SUFFIXES = (".mcap", ".db3", ".bag")
+TABLE_SUFFIXES = (".csv", ".mat", ".npz", ".parquet")
+
+_EXPECTED = "expected a folder with metadata.yaml, or an .mcap, .db3 or .bag file"
+
+_REMEDIES = {
+    ".mcap": "`mcap recover IN -o OUT` saves what is whole",
+    ".db3": "`sqlite3 IN .recover | sqlite3 OUT` saves what is whole",
+    ".bag": "`rosbag reindex` saves what is whole",
+}
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a recording: name, message type as rosbags writes it ("" where it changes), number of messages."""
+
+    name: str
+    message_type: str
+    count: int
+
+    def __str__(self) -> str:
+        kind = self.message_type.replace("/msg/", "/") or "several types"
+        return f"{self.name} ({kind}, {self.count} message{'s' * (self.count != 1)})"
+
+
+class Source:
+    """An open recording (context manager).
+
+    Parameters
+    ----------
+    path : ROS 2 recording (folder with metadata.yaml, .mcap or .db3 file) or ROS 1 .bag file.
+
+    Raises
+    ------
+    InputError where it cannot be read.
+    """
+
+    def __init__(self, path: str | PurePath) -> None:
+        self.path = Path(path)
+        if self.path.name == "metadata.yaml":
+            self.path = self.path.parent
+        self.ros1 = self.path.suffix == ".bag" and not self.path.is_dir()
+        with _readable(self.path):
+            _check_kind(self.path)
+            self._reader: Reader1 | Reader2 = Reader1(self.path) if self.ros1 else Reader2(self.path)
+            self._reader.open()
+            self.topics = tuple(
+                Topic(name, info.msgtype or "", info.msgcount) for name, info in sorted(self._reader.topics.items())
+            )
+
+    def __enter__(self) -> "Source":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._reader.close()
+
+    @property
+    def message_count(self) -> int:
+        """Messages on all topics."""
+        return sum(topic.count for topic in self.topics)
+
+    def first(self, topic: str) -> bytes | None:
+        """Return the first message of a topic; None where it has none. Raises InputError as `batches` does."""
+        with _readable(self.path):
+            chosen = [item for item in self._reader.connections if item.topic == topic]
+            return next((raw for _, _, raw in self._reader.messages(connections=chosen)), None) if chosen else None
+
+    def batches(self, topics: Collection[str]) -> Iterator[Batch]:
+        """Yield the raw messages of some topics; those of one topic come in the order of the recording.
+
+        Raises InputError where the recording is damaged.
+        """
+        with _readable(self.path):
+            for part in self._indexed(topics) or [self._stepwise(topics)]:
+                yield from part
+
+    def _indexed(self, topics: Collection[str]) -> list[Iterator[Batch]] | None:
+        """Return the fast way through every file of the recording, where all of them have one."""
+        if isinstance(self._reader, Reader1) or self._reader.compression_mode:
+            return None
+        files = [self.path]
+        if self.path.is_dir():
+            about = yaml.safe_load((self.path / "metadata.yaml").read_text(encoding="utf-8"))
+            listed = about["rosbag2_bagfile_information"]["relative_file_paths"]
+            files = [self.path / PurePath(name).name for name in listed]
+        if any(file.suffix != ".mcap" for file in files):
+            return None
+        parts = [mcap.batches(file, topics) for file in files]
+        ways = [part for part in parts if part is not None]
+        return ways if len(ways) == len(parts) else None
+
+    def _stepwise(self, topics: Collection[str]) -> Iterator[Batch]:
+        """Yield what rosbags yields message by message."""
+        boxes: dict[str, tuple[list[int], list[bytes]]] = {name: ([], []) for name in topics}
+        chosen = [item for item in self._reader.connections if item.topic in boxes]
+        if not chosen:
+            return
+        for connection, log_time, raw in self._reader.messages(connections=chosen):
+            times, messages = boxes[connection.topic]
+            times.append(log_time)
+            messages.append(raw)
+            if len(messages) == BATCH:
+                yield connection.topic, np.array(times, np.int64), messages
+                boxes[connection.topic] = ([], [])
+        for name, (times, messages) in boxes.items():
+            if messages:
+                yield name, np.array(times, np.int64), messages
+
+
+def _check_kind(path: Path) -> None:
+    """Raise InputError where `path` cannot be a recording."""
+    if not path.exists():
+        raise InputError(f"{path}: no such file or folder; {_EXPECTED}")
+    if path.is_dir():
+        if not (path / "metadata.yaml").exists():
+            parts = sorted(item.name for item in path.iterdir() if item.suffix in STORAGE_SUFFIXES)
+            if not parts:
+                raise InputError(f"{path} is no recording; {_EXPECTED}")
+            raise InputError(
+                f"{path} has no metadata.yaml; run `ros2 bag reindex {path}`, or give its file {path / parts[0]}"
+            )
+    elif path.suffix in TABLE_SUFFIXES:
+        raise InputError(f"{path} is a table, no recording; turn it into one with `friction_estimator import`")
+    elif path.suffix not in STORAGE_SUFFIXES:
+        raise InputError(f"{path} is no recording; {_EXPECTED}")
+    elif not path.stat().st_size:
+        raise InputError(f"{path} is empty (0 bytes): nothing was recorded, or the recorder was killed")
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Turn whatever reading a damaged file raises into one InputError."""
+    try:
+        yield
+    except (FrictionEstimatorError, MemoryError):
+        raise
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}") from error
+    except Exception as error:  # rosbags and its decompressors raise many kinds
+        reason = " ".join(str(error).split()).removeprefix(f"Cannot open database {path}: ")
+        remedy = _REMEDIES.get(path.suffix, "check its metadata.yaml, or run `ros2 bag reindex` on it")
+        raise InputError(f"{path} is damaged: {reason.rstrip('.') or type(error).__name__}; {remedy}") from error
