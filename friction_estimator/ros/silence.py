@@ -24,6 +24,9 @@ REPEAT_S = 60.0
 FEW = 3
 """Messages in one look that make a stream count as arriving."""
 
+TOLD_BY_TOPIC = ("wrong_joint", "empty", "malformed")
+"""Rejections of whole messages; they have findings of their own."""
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -92,16 +95,20 @@ def explain(
         yield from _content(config, source, messages[source.name])
     if silent or samples:
         return
-    zero, total = rejects.get("zero_stamp", 0), sum(rejects.values())
+    refused = {reason: count for reason, count in rejects.items() if count and reason not in TOLD_BY_TOPIC}
+    zero, total = refused.get("zero_stamp", 0), sum(refused.values())
     if zero and 2 * zero >= total:
         yield Finding(
             "zero stamps",
             f"{_topics(required)}: expected header stamps, all are zero; let the drivers set header.stamp, "
             "or use input.mode float64",
         )
-    elif total and not rejects.get("unmatched", 0):
-        reasons = ", ".join(f"{count} {reason}" for reason, count in rejects.items() if count)
-        yield Finding("all refused", f"{_topics(required)}: expected usable samples, every one was refused: {reasons}")
+    elif total and "unmatched" not in refused:
+        reasons = ", ".join(f"{count} {reason}" for reason, count in refused.items())
+        yield Finding(
+            f"all refused: {', '.join(refused)}",
+            f"{_topics(required)}: expected usable samples, every one was refused: {reasons}",
+        )
     elif len(required) == 2 and all(messages[source.name] >= FEW for source in required):
         offset = stamp_offset_s(*required)
         yield Finding(
@@ -128,7 +135,7 @@ def _why_silent(node: Node, source: Source, heard: list[Source]) -> Finding:
         ]
         hint = f"; topics of that type: {', '.join(same)}" if same else ""
         return Finding(
-            f"{source.name}: no publisher", f"{source.topic}: expected a publisher of {expected}, seen none{hint}"
+            f"{source.name}: no publisher{hint}", f"{source.topic}: expected a publisher of {expected}, seen none{hint}"
         )
     of_type = [info for info in publishers if info.topic_type == expected]
     if not of_type:
@@ -153,7 +160,8 @@ def _why_silent(node: Node, source: Source, heard: list[Source]) -> Finding:
     others = f"; only {' and '.join(other.name for other in heard)} arrives" if heard else ""
     who = ", ".join(sorted({f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in matching}))
     return Finding(
-        f"{source.name}: silent", f"{source.topic}: expected messages from {who}, seen none in the last second{others}"
+        f"{source.name}: silent{others}",
+        f"{source.topic}: expected messages from {who}, seen none in the last second{others}",
     )
 
 
@@ -162,14 +170,13 @@ def _content(config: Config, source: Source, messages: int) -> Iterator[Finding]
     if not messages:
         return
     now = source.rejected_lately()
+    seen = source.absence.partition(": choose")[0]  # the hint is the command line's
     if now.get("wrong_joint"):
         expected = f"joint {config.input.joint!r}" if config.input.joint else "one joint (input.joint is empty)"
-        yield Finding(f"{source.name}: wrong joint", f"{source.topic}: expected {expected}, seen: {source.absence}")
+        yield Finding(f"{source.name}: wrong joint", f"{source.topic}: expected {expected}, seen: {seen}")
     if now.get("empty"):
         wanted = "position" if source.name == "position" else "velocity and effort"
-        yield Finding(
-            f"{source.name}: empty", f"{source.topic}: expected {wanted} of the joint, seen: {source.absence}"
-        )
+        yield Finding(f"{source.name}: empty", f"{source.topic}: expected {wanted} of the joint, seen: {seen}")
     if now.get("malformed"):
         yield Finding(
             f"{source.name}: malformed", f"{source.topic}: expected {type_name(source.kind)}, seen unreadable bytes"

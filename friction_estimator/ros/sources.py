@@ -139,7 +139,7 @@ class Source:
                 callback(raw)
             except NoValueError as error:
                 self.absence = str(error)
-                self.reject("empty" if self.absence.endswith("empty") else "wrong_joint")
+                self.reject("wrong_joint" if self.absence.startswith(("no joint", "several joints")) else "empty")
             except LayoutError:
                 self.reject("malformed")
             except Exception as error:
