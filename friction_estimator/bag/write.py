@@ -1,0 +1,274 @@
+"""Write recordings: samples and results from arrays, inputs as they were recorded.
+
+A recording is written under a temporary name and renamed when it is complete.
+"""
+
+import sqlite3
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from friction_estimator.bag.read import recorded_order
+from friction_estimator.bag.serialise import Template, array_template, sample_template, typestore
+from friction_estimator.bag.source import Source
+from friction_estimator.core.errors import InputError
+from friction_estimator.core.sample import Floats, Ints, Samples
+from friction_estimator.files import atomic_path
+
+STORAGES = ("mcap", "sqlite3")
+
+TOPICS = {
+    "velocity": ("/velocity", "geometry_msgs/msg/TwistStamped"),
+    "friction": ("/friction", "geometry_msgs/msg/WrenchStamped"),
+    "pressure": ("/pressure", "sensor_msgs/msg/FluidPressure"),
+    "temperature": ("/temperature", "sensor_msgs/msg/Temperature"),
+    "position": ("/position", "sensor_msgs/msg/JointState"),
+}
+"""Topic and type of each input where nothing else is asked for."""
+
+OUTPUT_PREFIX = "/friction_estimator"
+"""Namespace of the node's outputs, in a recording as in a running graph."""
+
+JOINT = "shaft"
+
+_SUFFIXES = {".mcap": "mcap", ".db3": "sqlite3"}
+_PLUGINS = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
+
+_BLOCK = 32768
+"""Messages serialised at a time: bounds the memory of a long recording."""
+
+_METADATA_VERSION: Literal[8] = 8
+"""Version 9 changed the form of the QoS profiles, which are empty here; older ROS 2 releases read 8."""
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class _Pending:
+    connection: Connection
+    template: Template
+    log_time_ns: Ints
+    stamp_ns: Ints
+    values: tuple[Floats, ...]
+
+
+class RecordingWriter:
+    """Collects streams and writes them, merged by time, when it is closed; made by `writing`."""
+
+    def __init__(self, writer: Writer, where: str, progress: Progress | None) -> None:
+        self._writer, self._where, self._progress = writer, where, progress
+        self._pending: list[_Pending] = []
+
+    def add_stream(
+        self,
+        topic: str,
+        message_type: str,
+        stamp_ns: Ints,
+        value: Floats | Mapping[str, Floats],
+        *,
+        quantity: str = "friction",
+        log_time_ns: Ints | None = None,
+        frame_id: str = "",
+        joint: str = JOINT,
+        axis: str = "x",
+    ) -> None:
+        """Add one topic.
+
+        Parameters
+        ----------
+        topic, message_type : the type one of `messages.EXTRACTORS`.
+        stamp_ns : (n,) header stamps, ns; unstamped types have them as time of recording only.
+        value : (n,) in SI units, NaN allowed; or several of them by quantity, for a JointState.
+        quantity : what `value` is, one of `messages.INPUTS`, where it is one array.
+        log_time_ns : (n,) time of recording; the stamps unless given.
+        frame_id, joint, axis : where the type has them.
+        """
+        by_quantity = value if isinstance(value, Mapping) else {quantity: value}
+        template = sample_template(message_type, tuple(by_quantity), frame_id=frame_id, joint=joint, axis=axis)
+        self._add(topic, template, stamp_ns, log_time_ns, *by_quantity.values())
+
+    def add_array(self, topic: str, label: str, log_time_ns: Ints, values: NDArray[np.float64]) -> None:
+        """Add a topic of Float64MultiArray: `values` is (n, size), `label` names the dimension."""
+        template = array_template(label, values.shape[1])
+        self._add(topic, template, log_time_ns, None, *values.T)
+
+    def copy(self, source: Source, topics: Mapping[str, str] | list[str]) -> None:
+        """Copy topics message by message; those of ROS 1 are translated. Written before all streams.
+
+        Parameters
+        ----------
+        source : an open recording.
+        topics : names, or a mapping from old to new name.
+
+        Raises InputError where the source is damaged.
+        """
+        renamed = dict(topics) if isinstance(topics, Mapping) else {name: name for name in topics}
+        kinds = {topic.name: topic.message_type for topic in source.topics}
+        connections = {name: self._connection(new, kinds[name]) for name, new in renamed.items()}
+        total = sum(topic.count for topic in source.topics if topic.name in renamed)
+        for name, log_times, messages in source.batches(renamed):
+            connection = connections[name]
+            raws: Sequence[bytes | memoryview] = _views(messages) if isinstance(messages, np.ndarray) else messages
+            for log_time, raw in zip(log_times.tolist(), raws, strict=True):
+                data = typestore().ros1_to_cdr(raw, kinds[name]) if source.ros1 else raw
+                self._writer.write(connection, log_time, data)
+            if self._progress is not None:
+                self._progress(len(messages), total)
+
+    def _connection(self, topic: str, message_type: str) -> Connection:
+        return self._writer.add_connection(topic, message_type, typestore=typestore())
+
+    def _add(self, topic: str, template: Template, stamp_ns: Ints, log_time_ns: Ints | None, *values: Floats) -> None:
+        log_time_ns = stamp_ns if log_time_ns is None else log_time_ns
+        if np.any(log_time_ns < 0):
+            raise InputError(f"cannot write {topic} to {self._where}: a time of recording is before 1970")
+        order = recorded_order(log_time_ns)
+        self._pending.append(
+            _Pending(
+                self._connection(topic, template.message_type),
+                template,
+                log_time_ns[order],
+                stamp_ns[order],
+                tuple(value[order] for value in values),
+            )
+        )
+
+    def finish(self) -> None:
+        """Write the streams, merged by time of recording; at equal times in the order in which they were added."""
+        streams, self._pending = self._pending, []
+        if not streams:
+            return
+        number = np.repeat(np.arange(len(streams)), [item.log_time_ns.size for item in streams])
+        number = number[recorded_order(*(item.log_time_ns for item in streams))]
+        written = [0] * len(streams)
+        for start in range(0, number.size, _BLOCK):
+            block = number[start : start + _BLOCK]
+            waiting = []
+            for own, item in enumerate(streams):
+                begin = written[own]
+                written[own] = end = begin + int(np.count_nonzero(block == own))
+                part = slice(begin, end)
+                rows = item.template.rows(item.stamp_ns[part], *(value[part] for value in item.values))
+                waiting.append(zip(item.log_time_ns[part].tolist(), _views(rows), strict=True))
+            for own in block.tolist():
+                log_time, raw = next(waiting[own])
+                self._writer.write(streams[own].connection, log_time, raw)
+            if self._progress is not None:
+                self._progress(block.size, number.size)
+
+
+def _views(rows: NDArray[np.uint8]) -> list[memoryview]:
+    """Return each row's bytes without copying them one by one."""
+    whole, length = memoryview(np.ascontiguousarray(rows).tobytes()), rows.shape[1]
+    return [whole[start : start + length] for start in range(0, len(whole), length)]
+
+
+@contextmanager
+def writing(
+    path: str | PathLike[str], storage: str | None = None, progress: Progress | None = None
+) -> Iterator[RecordingWriter]:
+    """Yield a writer; the recording appears under `path` when the block ends well, and not at all otherwise.
+
+    Parameters
+    ----------
+    path : folder of the recording (an older recording there is replaced), or a bare .mcap or .db3 file.
+    storage : "mcap" or "sqlite3"; unless given by the file's name, mcap.
+    progress : told of the messages written.
+
+    Raises
+    ------
+    InputError where `path` cannot be written, or is something else than a recording.
+    """
+    target = Path(path)
+    by_name = _SUFFIXES.get(target.suffix)
+    if storage is not None and by_name not in (None, storage):
+        raise InputError(f"cannot write {target} as {storage}: its name says {by_name}; choose another name")
+    storage = storage or by_name or "mcap"
+    if target.is_dir() and any(target.iterdir()) and not (target / "metadata.yaml").exists():
+        raise InputError(f"cannot write {target}: a folder that is no recording stands there; choose another name")
+    with atomic_path(target) as part:
+        folder = part if by_name is None else part.with_suffix(".parts")
+        try:
+            with Writer(folder, version=_METADATA_VERSION, storage_plugin=_PLUGINS[storage]) as writer:
+                recording = RecordingWriter(writer, str(target), progress)
+                yield recording
+                recording.finish()
+        except (OSError, sqlite3.Error) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise InputError(f"cannot write {target}: {reason}; choose another place") from error
+        if by_name is not None:
+            (folder / f"{folder.name}{target.suffix}").rename(part)
+
+
+def write_samples(
+    path: str | PathLike[str],
+    samples: Samples,
+    storage: str | None = None,
+    *,
+    frame_id: str = "",
+    progress: Progress | None = None,
+) -> None:
+    """Write samples as a recording on the default topics, one message a sample and recorded channel.
+
+    NaN in velocity or friction is written; a channel's NaN (no value yet) is not. Raises InputError as `writing`.
+    """
+    with writing(path, storage, progress) as writer:
+        add_samples(writer, samples, frame_id=frame_id)
+
+
+def add_samples(writer: RecordingWriter, samples: Samples, *, frame_id: str = "") -> None:
+    """Add the default topics of `samples` to a recording (see `write_samples`)."""
+    # What a sample needs is recorded before what completes it.
+    channels = {
+        "pressure": samples.pressure_Pa,
+        "temperature": samples.temperature_degC,
+        "position": samples.position_m,
+        "velocity": samples.velocity_m_s,
+        "friction": samples.friction_N,
+    }
+    for name, value in channels.items():
+        if value is None:
+            continue
+        known = np.ones(len(samples), np.bool_) if name in ("velocity", "friction") else ~np.isnan(value)
+        if known.any():
+            topic, kind = TOPICS[name]
+            writer.add_stream(topic, kind, samples.stamp_ns[known], value[known], quantity=name, frame_id=frame_id)
+
+
+def add_results(
+    writer: RecordingWriter,
+    stamp_ns: Ints,
+    predicted_N: Floats,
+    residual_N: Floats,
+    parameters: Mapping[str, tuple[Ints, NDArray[np.float64]]] | None = None,
+    *,
+    frame_id: str = "",
+    axis: str = "x",
+) -> None:
+    """Add the estimator's outputs under the names of the node's topics.
+
+    Parameters
+    ----------
+    stamp_ns, predicted_N, residual_N : (n,), of the samples that they belong to; residual is measured - predicted.
+    parameters : by name (fir_taps, theory_taps, wavelet_weights): times (m,) and values (m, size).
+    """
+    for name, value in (("friction_predicted", predicted_N), ("residual", residual_N)):
+        writer.add_stream(
+            f"{OUTPUT_PREFIX}/{name}",
+            "geometry_msgs/msg/WrenchStamped",
+            stamp_ns,
+            value,
+            frame_id=frame_id,
+            axis=axis,
+        )
+    for name, (times, values) in (parameters or {}).items():
+        if values.shape[1]:
+            writer.add_array(f"{OUTPUT_PREFIX}/parameters/{name}", name, times, values)
