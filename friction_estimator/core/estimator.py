@@ -92,7 +92,7 @@ class Estimator:
             diagonal=covariance.copy(),
             prior=prior,
             law=law.constants(config),
-            moments=np.array([1.0, 1.0, 0.0, 0.0]),
+            moments=np.array([1.0, 1.0, 0.0, 0.0, 1.0]),
             status=np.zeros(7, np.int64),
         )
         if model.extension is not None:

@@ -30,7 +30,7 @@ TAPS, WEIGHTS, THEORY_TAPS, EXTENSIONS = range(4)
 HEAD, SEEN, LEARNED, GUARDED, CLIPPED, OUTSIDE, ALARMED = range(7)
 
 # Places in Workspace.moments
-ERROR_POWER, QUIET_POWER, DIAGONAL_AGE, ALARM = range(4)
+ERROR_POWER, QUIET_POWER, DIAGONAL_AGE, ALARM, BACKOFF = range(5)
 
 # Places in Workspace.law
 STEP, FLOOR, FORGETTING = range(3)
@@ -47,8 +47,14 @@ QUIET_FALL, QUIET_RISE = 500.0, 5000.0
 ALARM_RATIO = 200.0
 """Running error power over quiet power beyond which the friction itself is taken to have changed."""
 
+LEAST_BACKOFF, RECOVERY = 1e-4, 1e-4
+"""lms: smallest factor on the step size after guarded steps, and its relative growth a sample."""
+
 LEAST_POWER = 1e-12
 """Floor of the running powers: float noise of a perfect model is no alarm."""
+
+LEAST_EXCITATION, LARGEST_EXCITATION = 1e-14, 1e14
+"""rls learns from samples whose x' P x lies between: below there is nothing to learn, above rounding would rule."""
 
 LARGEST_PARAMETER = 1e6
 """Guard: the norm of the normalised parameters stays below this."""
@@ -70,7 +76,7 @@ class Workspace:
     prior : (n,), the metric of nlms; for rls the diagonal of P before the first sample, which no variance exceeds;
         (0,) for lms.
     law : (3,), constants of the law.
-    moments : (4,), running powers and the state of the alarm.
+    moments : (5,), running powers, the state of the alarm and of the back-off.
     status : (7,) int64, counters.
     """
 
@@ -182,17 +188,42 @@ def _step_along(theta, direction, gain, status):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _learn_lms(shape, theta, law, status, x, error):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def _trusted(shape, ring, status, x, direction, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return `gain`, shortened until the model's bilinear term agrees with its linearisation.
+
+    Along gain * direction the prediction changes by gain x' direction + gain^2 sum_i dA_i dW' Psi[k-i] exactly. The second
+    term, which the law does not know of, is kept below half of the first: then a step that removes at most the whole error
+    of the linearised model never enlarges the error on its own sample.
+    """
+    taps, weights = shape[TAPS], shape[WEIGHTS]
+    step = direction[taps : taps + weights]
+    bilinear = 0.0
+    place = status[HEAD] % taps
+    for i in range(taps):
+        bilinear += direction[i] * _dot(ring[place], step)
+        place = place - 1 if place > 0 else taps - 1
+    linear, bilinear = abs(gain * _dot(x, direction)), gain * gain * abs(bilinear)
+    if bilinear <= 0.5 * linear:
+        return gain
+    status[GUARDED] += 1
+    return gain * 0.5 * linear / bilinear
+
+
+@njit(cache=True)
+def _learn_lms(shape, theta, law, moments, status, x, error):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """The paper's law: A* = A + mu e F, A = A*/||A*||, W += mu e A(q) Psi, A1 += mu e F1.
 
-    Guard: where mu |x|^2 > 1 the step would overshoot the sample that it learns from, the first sign of divergence;
-    it is shortened to mu = 1/|x|^2 and counted.
+    Guard: where mu |x|^2 > 1 the step would overshoot the sample that it learns from, the first sign of divergence. It is
+    shortened to mu = 1/|x|^2 and counted, and mu itself backs off to half; it recovers over 1 / RECOVERY samples.
     """
+    step = law[STEP] * moments[BACKOFF]
     energy = _dot(x, x)
-    step = law[STEP]
     if step * energy > 1.0:
         step = 1.0 / energy
         status[GUARDED] += 1
+        moments[BACKOFF] = max(0.5 * moments[BACKOFF], LEAST_BACKOFF)
+    elif moments[BACKOFF] < 1.0:
+        moments[BACKOFF] = min(1.0, moments[BACKOFF] * (1.0 + RECOVERY))
     if _step_along(theta, x, step * error, status):
         _normalise_taps(shape, theta)
 
@@ -217,18 +248,19 @@ def _move_norm_into_weights(shape, theta):  # type: ignore[no-untyped-def] # pra
 
 
 @njit(cache=True)
-def _learn_nlms(shape, theta, law, status, prior, x, error, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def _learn_nlms(shape, theta, ring, law, status, prior, x, error, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """theta += mu e D x / (eps + x' D x), one normaliser for all blocks, then the norm of A goes into W."""
     energy = law[FLOOR]
     for i in range(x.size):
         gain[i] = prior[i] * x[i]
         energy += gain[i] * x[i]
-    if _step_along(theta, gain, law[STEP] * error / energy, status):
+    step = _trusted(shape, ring, status, x, gain, law[STEP] * error / energy)
+    if _step_along(theta, gain, step, status):
         _move_norm_into_weights(shape, theta)
 
 
 @njit(cache=True)
-def _learn_rls(shape, theta, law, moments, status, root, diagonal, prior, x, error, projected, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def _learn_rls(shape, theta, ring, law, moments, status, root, diagonal, prior, x, error, projected, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Recursive prediction error with directional forgetting, in square-root form.
 
     P = S S' is positive semidefinite whatever is rounded. With r = x' P x the update
@@ -260,11 +292,12 @@ def _learn_rls(shape, theta, law, moments, status, root, diagonal, prior, x, err
             for j in range(n):
                 projected[j] += root[i, j] * xi
     r = _dot(projected, projected)
-    if not r < 1e12 or r < 1e-14:
+    if not LEAST_EXCITATION < r < LARGEST_EXCITATION:
         return
     for i in range(n):
         gain[i] = _dot(root[i], projected)
-    if not _step_along(theta, gain, error / (1.0 + r), status):
+    step = _trusted(shape, ring, status, x, gain, error / (1.0 + r))
+    if not _step_along(theta, gain, step, status):
         return
     shrink = 1.0 / (law[FORGETTING] * (1.0 + r))
     change = (1.0 - shrink) / r  # P <- P - change g g'
@@ -357,11 +390,11 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
             continue
         status[LEARNED] += 1
         if law_number == LMS:
-            _learn_lms(shape, theta, law, status, x, error)
+            _learn_lms(shape, theta, law, moments, status, x, error)
             continue
         if clipped != error:
             status[CLIPPED] += 1
         if law_number == NLMS:
-            _learn_nlms(shape, theta, law, status, prior, x, clipped, gain)
+            _learn_nlms(shape, theta, ring, law, status, prior, x, clipped, gain)
         else:
-            _learn_rls(shape, theta, law, moments, status, root, diagonal, prior, x, clipped, projected, gain)
+            _learn_rls(shape, theta, ring, law, moments, status, root, diagonal, prior, x, clipped, projected, gain)

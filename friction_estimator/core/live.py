@@ -150,6 +150,7 @@ class LiveStep(Events):
                 self._curve._counts,  # type: ignore[attr-defined]
                 self._theory,
             )
+            self._theory[0] *= self.estimator.model.theory_scale
             self._theory[0] /= unit
         self._target[0] = friction / unit
         work = estimator._work

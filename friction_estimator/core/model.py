@@ -45,6 +45,12 @@ class Extension(Protocol):
         """Forget the delay lines."""
 
 
+PLAUSIBLE_SCALE = 30.0
+"""A theoretical curve further off in scale than this factor, up or down, is used for its shape only."""
+
+SCALE_POINTS = 256
+
+
 @dataclass(frozen=True)
 class Inputs:
     """A batch of samples in normalised units, as `kernels.run` takes it."""
@@ -98,6 +104,26 @@ class Model:
         columns = extension.size if extension else 0
         self.shape: Ints = np.array([taps, self.basis.size, theory_taps, columns], np.int64)
         self._edges = np.cumsum(self.shape)
+        self.theory_scale = self._theory_scale()
+
+    def _theory_scale(self) -> float:
+        """Return the factor on the theoretical curve: 1, or what gives it the rms `force_unit` where it is far off.
+
+        A curve for another machine (forces 1000 times larger, say) would otherwise dominate every regressor.
+        """
+        if self.theory is None or not self.config.basis.velocity_range:
+            return 1.0
+        low, high = self.config.basis.velocity_range
+        middle = (np.arange(SCALE_POINTS) + 0.5) / SCALE_POINTS
+        settings = self.config.theory
+        curve = self.theory.evaluate(
+            low + (high - low) * middle,
+            np.full(SCALE_POINTS, settings.default_pressure),
+            np.full(SCALE_POINTS, settings.default_temperature),
+        )
+        ratio = float(np.sqrt(np.mean(np.square(curve))) / self.config.force_unit)
+        plausible = 1.0 / PLAUSIBLE_SCALE <= ratio <= PLAUSIBLE_SCALE
+        return 1.0 if plausible or not ratio > 0.0 else 1.0 / ratio
 
     @property
     def size(self) -> int:
@@ -141,7 +167,7 @@ class Model:
         )
 
     def theoretical_friction(self, samples: Samples) -> Floats:
-        """Return d(v; p, T) at the samples, (n,), N; zeros where there is no theory.
+        """Return d(v; p, T) times `theory_scale` at the samples, (n,), N; zeros where there is no theory.
 
         Pressure and temperature that the recording lacks are `theory.default_*`.
         """
@@ -156,7 +182,7 @@ class Model:
         if samples.temperature_degC is not None:
             known = np.isfinite(samples.temperature_degC)
             temperature[known] = samples.temperature_degC[known]
-        return self.theory.evaluate(samples.velocity_m_s, pressure, temperature)
+        return self.theory_scale * self.theory.evaluate(samples.velocity_m_s, pressure, temperature)
 
     def inputs(self, samples: Samples) -> Inputs:
         """Return what the compiled loop takes for these samples."""
