@@ -15,6 +15,7 @@ from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.registry import Registry
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.features import Context, Features
+from friction_estimator.effects.kernels import fir
 from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.trace import STAGES, Trace
 
@@ -94,7 +95,8 @@ class Effect:
     channel : recorded channel without which the effect cannot be named ("position", "pressure" or "").
     signs : sign of each column's coefficient, +1 or -1 where physics fixes it, 0 where it is free.
     fixed_gain : True where the columns are the whole change (coefficient one), as for a delay.
-    refined : grid parameters that the diagnosis refines continuously after naming, with their bounds.
+    refined : grid parameters that the diagnosis refines continuously after naming.
+    steps : those of them in which the columns jump rather than bend; sought by zooming.
     """
 
     name: ClassVar[str]
@@ -109,6 +111,7 @@ class Effect:
     signs: ClassVar[tuple[int, ...]] = (0,)
     fixed_gain: ClassVar[bool] = False
     refined: ClassVar[tuple[str, ...]] = ()
+    steps: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, size: float | None = None, **values: object) -> None:
         known = {key.name: key for key in self.keys}
@@ -153,10 +156,9 @@ class Effect:
         return []
 
     @classmethod
-    def bounds(cls, name: str, context: Context) -> tuple[float, float]:
-        """Return the range in which a `refined` parameter is sought."""
-        values = [point[name] for point in cls.grid(context)]
-        return (min(values) / 2.0, max(values) * 2.0)
+    def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
+        """Return the range about `value` in which a `refined` parameter is sought."""
+        return (value / 2.5, value * 2.5)
 
     @classmethod
     def columns(cls, params: Params) -> "Columns":
@@ -177,21 +179,62 @@ class Columns:
     compute : (features, reference, state) -> (n, size), N; `state` is carried from piece to piece.
     size : number of columns.
     state : number of state variables.
+    filtered : True where the effect acts before the base model's FIR: the columns then pass through it.
     """
 
-    def __init__(self, compute: Callable[[Features, Reference, Floats], Floats], size: int = 1, state: int = 0) -> None:
+    def __init__(
+        self,
+        compute: Callable[[Features, Reference, Floats], Floats],
+        size: int = 1,
+        state: int = 0,
+        filtered: bool = False,
+    ) -> None:
         self._compute = compute
         self.size = size
         self._state = np.zeros(state)
+        self._filtered = filtered
+        self._ring: Floats | None = None
 
     def restart(self) -> None:
         """Forget the past."""
         self._state[:] = 0.0
+        self._ring = None
 
     def __call__(self, features: Features, reference: Reference) -> Floats:
         """Return the columns for the next samples, (n, size), N per unit of their coefficient."""
-        out = self._compute(features, reference, self._state)
-        return out.reshape(features.size, self.size)
+        out = self._compute(features, reference, self._state).reshape(features.size, self.size)
+        if self._filtered and reference.taps.size:
+            if self._ring is None:
+                self._ring = np.zeros(1 + reference.taps.size * self.size)
+            out = through_fir(features.step_s, out, reference.taps, self._ring)
+        return out
+
+
+def through_fir(step_s: Floats, values: Floats, taps: Floats, ring: Floats) -> Floats:
+    """Return values through the FIR [1, taps], normalised to gain one; `ring` carries the delay line."""
+    out = np.empty(values.shape)
+    fir(step_s, np.ascontiguousarray(values), taps, ring, out)
+    return np.asarray(out / (1.0 + taps.sum()))
+
+
+class RunningForce:
+    """Force of the base model, FIR included, as a causal machine."""
+
+    def __init__(self, reference: Reference) -> None:
+        self._reference = reference
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the past."""
+        self._ring = np.zeros(1 + max(1, self._reference.taps.size))
+
+    def __call__(self, features: Features) -> Features:
+        """Return the features of the next samples with their force."""
+        static = self._reference.force(features.velocity_m_s, features.pressure_Pa)
+        if not self._reference.taps.size:
+            return features.with_force(static)
+        force = through_fir(features.step_s, static[:, None], self._reference.taps, self._ring)
+        return features.with_force(force[:, 0])
 
 
 def _unit(cls: type[Effect], name: str) -> str:

@@ -106,7 +106,7 @@ class ViscosityDrift(Effect):
             done = 1.0 - np.exp(-f.time_s / params["time_constant"])
             return -done * r.part(VISCOUS, f.velocity_m_s, f.pressure_Pa)
 
-        return Columns(compute)
+        return Columns(compute, filtered=True)
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
@@ -159,7 +159,7 @@ class Wear(Effect):
             done = 1.0 - np.exp(-f.distance_m / params["length"])
             return done * r.part(BOUNDARY, f.velocity_m_s, f.pressure_Pa)
 
-        return Columns(compute)
+        return Columns(compute, filtered=True)
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
@@ -211,11 +211,13 @@ class BiasStep(Effect):
         return {"step": (float(weights[0]), "N"), "at": (params["at"], "s")}
 
     @classmethod
-    def bounds(cls, name: str, context: Context) -> tuple[float, float]:  # noqa: ARG003
-        """The whole recording."""
-        return (0.0, context.duration_s)
+    def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
+        """To the neighbouring change points."""
+        reach = context.duration_s / CHANGE_POINTS
+        return (max(0.0, value - reach), min(context.duration_s, value + reach))
 
     refined = ("at",)
+    steps = ("at",)
 
 
 @effect
@@ -254,7 +256,7 @@ class GainStep(Effect):
         """Return F 1(t > t0)."""
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
-            return r.force(f.velocity_m_s, f.pressure_Pa) * (f.time_s >= params["at"])
+            return f.force_N * (f.time_s >= params["at"])
 
         return Columns(compute)
 
@@ -264,11 +266,13 @@ class GainStep(Effect):
         return {"step": (float(weights[0]), ""), "at": (params["at"], "s")}
 
     @classmethod
-    def bounds(cls, name: str, context: Context) -> tuple[float, float]:  # noqa: ARG003
-        """The whole recording."""
-        return (0.0, context.duration_s)
+    def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
+        """To the neighbouring change points."""
+        reach = context.duration_s / CHANGE_POINTS
+        return (max(0.0, value - reach), min(context.duration_s, value + reach))
 
     refined = ("at",)
+    steps = ("at",)
 
 
 def _change_points(context: Context) -> Floats:

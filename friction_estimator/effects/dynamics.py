@@ -8,7 +8,7 @@ from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import Columns, Effect, Key, Params, Words, chosen, effect, form_key
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.kernels import film_lag, maxwell
-from friction_estimator.effects.reference import FORCE, Reference
+from friction_estimator.effects.reference import BOUNDARY, SHEAR, Reference
 from friction_estimator.effects.trace import Trace
 
 
@@ -194,7 +194,7 @@ class FrictionalLag(Effect):
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
-        """Return S (M(lagged |v|) - M(|v|)), M = F / S."""
+        """Return what the boundary and the shear part change on the film of the lagged speed."""
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:
             out = np.empty(f.size)
@@ -205,7 +205,8 @@ class FrictionalLag(Effect):
                 f.pressure_Pa,
                 params["lag"],
                 r.sign_velocity_m_s,
-                r.tables[FORCE],
+                r.tables[BOUNDARY],
+                r.tables[SHEAR],
                 r.pressures_Pa,
                 r.bend_m_s,
                 r.reach,
@@ -214,7 +215,7 @@ class FrictionalLag(Effect):
             )
             return out
 
-        return Columns(compute, state=2)
+        return Columns(compute, state=2, filtered=True)
 
     signs = (1,)
     fixed_gain = True
@@ -268,9 +269,9 @@ class PeriodicDisturbance(Effect):
         }
 
     @classmethod
-    def bounds(cls, name: str, context: Context) -> tuple[float, float]:  # noqa: ARG003
-        """Up to half the sample rate."""
-        return (1.0 / context.duration_s, 0.5 / context.step_s)
+    def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
+        """Half a line's width to each side."""
+        return (value - 0.4 / context.duration_s, value + 0.4 / context.duration_s)
 
     signs = (0, 0)
     refined = ("frequency",)

@@ -1,6 +1,6 @@
 """What regressors see of a recording, computed causally: batch and sample by sample give the same numbers."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numba import njit
@@ -58,6 +58,7 @@ class Features:
     distance_m : distance run since the first sample.
     since_reversal_m, since_reversal_s : distance and time since the last reversal.
     direction : -1, 0 (not moved yet) or 1.
+    force_N : force of the fitted base model, its FIR included; zeros until a reference is known.
     """
 
     time_s: Floats
@@ -72,11 +73,16 @@ class Features:
     since_reversal_m: Floats
     since_reversal_s: Floats
     direction: Floats
+    force_N: Floats
 
     @property
     def size(self) -> int:
         """Number of samples."""
         return int(self.time_s.size)
+
+    def with_force(self, force_N: Floats) -> "Features":
+        """Return the features with the force of a base model."""
+        return replace(self, force_N=force_N)
 
     def __getitem__(self, part: slice) -> "Features":
         return Features(*(getattr(self, f.name)[part] for f in fields(self)))
@@ -201,6 +207,7 @@ class FeatureMaker:
             run_m,
             run_s,
             way,
+            np.zeros(n),
         )
 
 

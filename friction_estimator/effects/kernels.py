@@ -178,8 +178,13 @@ def force_delay(step, velocity, pressure, delay, table, pressures, bend, reach, 
 
 
 @njit(cache=True)
-def film_lag(step, previous, velocity, pressure, tau, sign_velocity, table, pressures, bend, reach, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """S(v) (M(u) - M(|v|)), u the first-order lag of |v|, M(u) = F(u) / tanh(u / v_s). state = [u, started]."""
+def film_lag(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    step, previous, velocity, pressure, tau, sign_velocity, boundary, shear, pressures, bend, reach, state, out
+):
+    """S(v) (B(u)/S(u) - B(|v|)/S(|v|)) + v (H(u)/u - H(|v|)/|v|), u the first-order lag of |v|. state = [u, started].
+
+    B and H are the boundary and the shear part of the theory: the film's thickness, which sets both, is that of u.
+    """
     for k in range(velocity.size):
         speed = abs(velocity[k])
         if step[k] <= 0.0 or state[1] == 0.0:
@@ -196,11 +201,14 @@ def film_lag(step, previous, velocity, pressure, tau, sign_velocity, table, pres
             slope = (s - last) / dt
             state[0] = s - slope * tau + (state[0] - last + slope * tau) * decay
             last = s
-        film = max(state[0], 1e-3 * sign_velocity)
-        floor = max(speed, 1e-3 * sign_velocity)
-        lagged = lookup(table, pressures, bend, reach, film, pressure[k]) / np.tanh(film / sign_velocity)
-        steady = lookup(table, pressures, bend, reach, floor, pressure[k]) / np.tanh(floor / sign_velocity)
-        out[k] = np.tanh(velocity[k] / sign_velocity) * (lagged - steady)
+        film = max(state[0], 1e-2 * sign_velocity)
+        floor = max(speed, 1e-2 * sign_velocity)
+        p = pressure[k]
+        dry = lookup(boundary, pressures, bend, reach, film, p) / np.tanh(film / sign_velocity)
+        dry -= lookup(boundary, pressures, bend, reach, floor, p) / np.tanh(floor / sign_velocity)
+        wet = lookup(shear, pressures, bend, reach, film, p) / film
+        wet -= lookup(shear, pressures, bend, reach, floor, p) / floor
+        out[k] = np.tanh(velocity[k] / sign_velocity) * dry + velocity[k] * wet
 
 
 @njit(cache=True)
@@ -215,3 +223,24 @@ def maxwell(step, previous, velocity, tau, state, out):  # type: ignore[no-untyp
             steady1 = tau * (velocity[k] - slope * tau)
             state[0] = steady1 + (state[0] - steady0) * decay
         out[k] = state[0]
+
+
+@njit(cache=True)
+def fir(step, values, taps, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Filter the columns of `values` with [1, taps]; a step of 0 fills the delay line. state = [head, ring of rows]."""
+    order, width = taps.size, values.shape[1]
+    for k in range(values.shape[0]):
+        head = int(state[0])
+        if step[k] <= 0.0:
+            for i in range(order):
+                for c in range(width):
+                    state[1 + i * width + c] = values[k, c]
+        for c in range(width):
+            total = values[k, c]
+            for i in range(order):
+                total += taps[i] * state[1 + ((head - i) % order) * width + c]
+            out[k, c] = total
+        head = (head + 1) % order
+        for c in range(width):
+            state[1 + head * width + c] = values[k, c]
+        state[0] = float(head)

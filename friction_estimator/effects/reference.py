@@ -1,7 +1,7 @@
 """The friction that dynamic regressors are made from: tables of the fitted static force and of its parts."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numba import njit
@@ -12,7 +12,7 @@ VELOCITIES = 801
 BEND = 200.0
 """Table velocities are asinh-spaced, finest near standstill: v_max / BEND is where the spacing begins to grow."""
 
-FORCE, VISCOUS, BOUNDARY = range(3)
+FORCE, VISCOUS, BOUNDARY, SHEAR = range(4)
 
 Surface = Callable[[Floats, Floats], Floats]
 """(velocity m/s, gauge pressure Pa) -> friction N, elementwise."""
@@ -50,12 +50,14 @@ class Reference:
 
     Attributes
     ----------
-    tables : (3, n_pressures, VELOCITIES): the force F(v, p), N; its derivative with respect to the logarithm of the
-        viscosity, N; and with respect to the logarithm of the boundary friction coefficient, N.
+    tables : (4, n_pressures, VELOCITIES), N: the force F(v, p); its derivative with respect to the logarithm of the
+        viscosity; the boundary part (the derivative with respect to the logarithm of its coefficient); and the
+        shear part, which is the rest of the theory.
     pressures_Pa : (n_pressures,), increasing gauge pressures.
     bend_m_s : velocity at which the asinh spacing bends.
     top_m_s : largest velocity of the table.
     sign_velocity_m_s : v_s of the smooth sign tanh(v / v_s).
+    taps : (order,), FIR of the base model behind the static force: [1, taps] over their sum gives gain one.
     """
 
     tables: Floats
@@ -63,6 +65,7 @@ class Reference:
     bend_m_s: float
     top_m_s: float
     sign_velocity_m_s: float
+    taps: Floats = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
     def tabulate(
@@ -70,26 +73,44 @@ class Reference:
         force: Surface,
         viscous: Surface | None,
         boundary: Surface | None,
+        theory: Surface | None,
         top_m_s: float,
         pressures_Pa: Floats,
         sign_velocity_m_s: float,
+        taps: Floats | None = None,
     ) -> "Reference":
-        """Tabulate three surfaces.
+        """Tabulate the surfaces.
 
-        Without a theory the parts are taken as the viscous v and the Coulomb tanh(v / v_s), both scaled to the force.
+        `taps` are those of the base model's FIR. Without a theory the parts are taken as the viscous v and the
+        Coulomb tanh(v / v_s), both scaled to the force, and the shear part is the rest.
         """
         bend = top_m_s / BEND
         velocity = bend * np.sinh(np.linspace(-1.0, 1.0, VELOCITIES) * np.arcsinh(BEND))
         scale = float(np.max(np.abs(force(np.array([top_m_s]), pressures_Pa[:1])))) or 1.0
-        viscous = viscous or (lambda v, p: scale * v / top_m_s + 0.0 * p)
-        boundary = boundary or (lambda v, p: scale * np.tanh(v / sign_velocity_m_s) + 0.0 * p)
+        if viscous is None or boundary is None or theory is None:
+            theory = force
+
+            def viscous(v: Floats, p: Floats) -> Floats:
+                return scale * v / top_m_s + 0.0 * p
+
+            def boundary(v: Floats, p: Floats) -> Floats:
+                return np.asarray(scale * np.tanh(v / sign_velocity_m_s) + 0.0 * p)
+
         tables = np.array(
             [
                 [surface(velocity, np.full(velocity.size, p)) for p in pressures_Pa]
-                for surface in (force, viscous, boundary)
+                for surface in (force, viscous, boundary, theory)
             ]
         )
-        return cls(tables, np.asarray(pressures_Pa, np.float64), bend, top_m_s, sign_velocity_m_s)
+        tables[SHEAR] -= tables[BOUNDARY]
+        return cls(
+            tables,
+            np.asarray(pressures_Pa, np.float64),
+            bend,
+            top_m_s,
+            sign_velocity_m_s,
+            np.zeros(0) if taps is None else taps,
+        )
 
     @property
     def reach(self) -> float:
@@ -97,7 +118,7 @@ class Reference:
         return float(np.arcsinh(self.top_m_s / self.bend_m_s))
 
     def part(self, which: int, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
-        """Return FORCE, VISCOUS or BOUNDARY at the given points, (n,), N."""
+        """Return FORCE, VISCOUS, BOUNDARY or SHEAR at the given points, (n,), N."""
         out = np.empty(velocity_m_s.size)
         _lookups(self.tables[which], self.pressures_Pa, self.bend_m_s, self.reach, velocity_m_s, pressure_Pa, out)
         return out

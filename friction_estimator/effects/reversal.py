@@ -193,16 +193,17 @@ class Backlash(Effect):
     def columns(cls, params: Params) -> Columns:
         """Return -F 1(d_rev < gap)."""
 
-        def compute(f: Features, r: Reference, s: Floats) -> Floats:
+        def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
             out = np.empty(f.size)
             play(f.step_s, f.previous_m_s, f.velocity_m_s, params["gap"], s, out)
-            return -out * r.force(f.velocity_m_s, f.pressure_Pa)
+            return -out * f.force_N
 
         return Columns(compute, state=2)
 
     signs = (1,)
     fixed_gain = True
     refined = ("gap",)
+    steps = ("gap",)
 
 
 @effect

@@ -91,7 +91,7 @@ class Saturation(Effect):
         """Return -sgn(F) max(|F| - level, 0)."""
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
-            force = r.force(f.velocity_m_s, f.pressure_Pa)
+            force = f.force_N
             return -np.sign(force) * np.maximum(np.abs(force) - params["level"], 0.0)
 
         return Columns(compute)
@@ -214,8 +214,11 @@ class TimeDelay(Effect):
     )
 
     def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:  # noqa: ARG002
-        """Interpolate linearly on the fine grid."""
-        return trace.with_friction(np.interp(trace.time_s - self["delay"], trace.time_s, trace.friction_N))
+        """Interpolate cubically on the fine grid: a linear one would smear like a filter."""
+        from scipy.interpolate import CubicSpline  # noqa: PLC0415 - only the simulation needs it
+
+        when = np.maximum(trace.time_s - self["delay"], trace.time_s[0])
+        return trace.with_friction(np.asarray(CubicSpline(trace.time_s, trace.friction_N)(when)))
 
     @classmethod
     def grid(cls, context: Context) -> list[dict[str, float]]:  # noqa: ARG003
@@ -242,7 +245,7 @@ class TimeDelay(Effect):
             )
             return out
 
-        return Columns(compute, state=1 + 2 * RING)
+        return Columns(compute, state=1 + 2 * RING, filtered=True)
 
     signs = (1,)
     fixed_gain = True
@@ -309,7 +312,7 @@ class SensorLowpass(Effect):
             )
             return out
 
-        return Columns(compute, state=3)
+        return Columns(compute, state=3, filtered=True)
 
     signs = (1,)
     fixed_gain = True

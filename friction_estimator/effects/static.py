@@ -45,7 +45,7 @@ class DirectionAsymmetry(Effect):
         """Return |F| / 2, or [|F| / 2, |v| |F|]."""
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
-            force = 0.5 * np.abs(r.force(f.velocity_m_s, f.pressure_Pa))
+            force = 0.5 * np.abs(f.force_N)
             if params["shape"] < 0.5:
                 return force
             return np.column_stack([force, force * np.sqrt(np.abs(f.velocity_m_s) / r.top_m_s)])
@@ -92,10 +92,10 @@ class PositionDependence(Effect):
 
     @classmethod
     def grid(cls, context: Context) -> list[dict[str, float]]:
-        """Wavelengths between 1/80 and twice the stroke, evenly in wave number, half a wave apart at most."""
+        """Wavelengths between 1/80 and the stroke, evenly in wave number, half a wave apart at most."""
         if context.stroke_m <= 0.0:
             return []
-        waves = np.concatenate([np.arange(0.5, 20.0, 0.25), np.arange(20.0, 80.0, 0.5)])
+        waves = np.concatenate([np.arange(1.0, 20.0, 0.25), np.arange(20.0, 80.0, 0.5)])
         return chosen(context.stroke_m / waves, "wavelength")
 
     @classmethod
@@ -118,6 +118,13 @@ class PositionDependence(Effect):
             "amplitude_backward": (float(np.hypot(weights[2], weights[3])), "N"),
             "wavelength": (params["wavelength"], "m"),
         }
+
+    @classmethod
+    def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
+        """To the neighbouring wave numbers."""
+        wave = context.stroke_m / value
+        reach = 0.25 if wave < 20.0 else 0.5
+        return (context.stroke_m / (wave + reach), context.stroke_m / max(wave - reach, 0.5))
 
     signs = (0, 0, 0, 0)
     refined = ("wavelength",)

@@ -1,0 +1,215 @@
+"""Evidence for and against hypotheses: blocked cross-validation, family-wise gate, paired comparison.
+
+Everything happens in the space of inner products, summed over blocks: with Z the base model's tangent, e its
+residual and X the columns of a hypothesis, the joint refit of base and hypothesis on any set of blocks needs Z'Z, Z'e,
+Z'X, X'X and X'e of those blocks only.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from friction_estimator.core.sample import Bools, Floats, Ints
+
+FOLDS = 8
+RELATIVE_RIDGE = 1e-7
+"""Of a hypothesis' own energy: columns that the base explains to this share count as explained by it."""
+
+GAIN_LOW, GAIN_HIGH = 0.4, 2.5
+"""A hypothesis that is the whole change (a delay) must come out near coefficient one; its grid is coarse."""
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Inner products of one hypothesis' columns, by block.
+
+    Attributes
+    ----------
+    zx : (blocks, q, c). xx : (blocks, c, c). xe : (blocks, c).
+    """
+
+    zx: Floats
+    xx: Floats
+    xe: Floats
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A hypothesis fitted jointly with the base.
+
+    Attributes
+    ----------
+    weights : (c,), coefficients of the columns. base : (q,), change of the base's coefficients.
+    gain : decrease of the error power in the sample, summed, N^2.
+    """
+
+    weights: Floats
+    base: Floats
+    gain: float
+
+
+@dataclass(frozen=True)
+class Rule:
+    """Constraints on coefficients: signs (c,), +1, -1 or 0; and whether they must be near one."""
+
+    signs: tuple[int, ...]
+    near_one: bool = False
+
+
+class Evidence:
+    """Inner products of the base model's tangent and residual, by block, and what follows from them.
+
+    Parameters
+    ----------
+    tangent : (n, q). penalty : (q,), ridge. residual : (n,), N. used : (n,) bool. block : (n,) int, increasing.
+    seed : of folds and bootstrap.
+    """
+
+    def __init__(self, tangent: Floats, penalty: Floats, residual: Floats, used: Bools, block: Ints, seed: int) -> None:
+        self._edges = np.concatenate([np.flatnonzero(np.diff(block, prepend=-1)), [block.size]])
+        self.blocks = self._edges.size - 1
+        self._used = used
+        self._z = tangent * used[:, None]
+        self.residual = residual * used
+        self.penalty = penalty
+        self.zz = self._by_block(self._z, self._z)
+        self.ze = self._by_block(self._z, self.residual[:, None])[:, :, 0]
+        self.ee = np.array([float(np.dot(p, p)) for p in self._parts(self.residual)])
+        self.samples = int(used.sum())
+        self.folds = folds_of(self.blocks, seed)
+        self._seed = seed
+
+    def _parts(self, values: Floats) -> list[Floats]:
+        return [values[a:b] for a, b in zip(self._edges[:-1], self._edges[1:], strict=True)]
+
+    def _by_block(self, left: Floats, right: Floats) -> Floats:
+        pairs = zip(self._parts(left), self._parts(right), strict=True)
+        return np.array([a.T @ b for a, b in pairs])
+
+    def moments(self, columns: Floats) -> Moments:
+        """Return the inner products of columns (n, c)."""
+        x = columns * self._used[:, None]
+        zx = self._by_block(self._z, x)
+        xe = self._by_block(x, self.residual[:, None])[:, :, 0]
+        return Moments(zx, self._by_block(x, x), xe)
+
+    def fit(self, moments: Moments, rule: Rule, rows: Bools | None = None) -> Fit:
+        """Fit base and hypothesis jointly on the chosen blocks (default all)."""
+        rows = np.ones(self.blocks, np.bool_) if rows is None else rows
+        zz = self.zz[rows].sum(0) + np.diag(self.penalty)
+        ze, zx = self.ze[rows].sum(0), moments.zx[rows].sum(0)
+        solved = np.linalg.solve(_stable(zz), np.column_stack([ze, zx]))
+        alone, through = solved[:, 0], solved[:, 1:]
+        xx = moments.xx[rows].sum(0)
+        inner = xx - zx.T @ through
+        pull = moments.xe[rows].sum(0) - zx.T @ alone
+        weights, gain = constrained(inner, pull, np.diag(xx), rule)
+        return Fit(weights, alone - through @ weights, gain)
+
+    def cross_validated(self, moments: Moments, rule: Rule) -> Floats:
+        """Return the decrease of the error power on each block by a fit that never saw it, (blocks,), N^2."""
+        gains = np.zeros(self.blocks)
+        for fold in range(int(self.folds.max()) + 1):
+            test = self.folds == fold
+            gains[test] = self.held_out(self.fit(moments, rule, ~test), moments, test, ~test)
+        return gains
+
+    def held_out(self, fit: Fit, moments: Moments, test: Bools, train: Bools) -> Floats:
+        """Return the gain of a fit over the base alone on the test blocks, (n_test,), N^2."""
+        alone = self.base_alone(train)
+        return self.loss(alone, None, None, test) - self.loss(fit.base, fit.weights, moments, test)
+
+    def base_alone(self, rows: Bools) -> Floats:
+        """Return the change of the base's coefficients fitted on these blocks, (q,)."""
+        zz = self.zz[rows].sum(0) + np.diag(self.penalty)
+        return np.asarray(np.linalg.solve(_stable(zz), self.ze[rows].sum(0)))
+
+    def loss(self, base: Floats, weights: Floats | None, moments: Moments | None, rows: Bools) -> Floats:
+        """Return the error power of each of these blocks, (n_rows,), N^2."""
+        value = self.ee[rows] - 2.0 * self.ze[rows] @ base + (self.zz[rows] @ base) @ base
+        if weights is None or moments is None:
+            return np.asarray(value)
+        cross = moments.zx[rows] @ weights @ base
+        return np.asarray(
+            value - 2.0 * moments.xe[rows] @ weights + 2.0 * cross + (moments.xx[rows] @ weights) @ weights
+        )
+
+    def base_loss(self) -> Floats:
+        """Return the cross-validated error power of the base alone, (blocks,), N^2."""
+        losses = np.zeros(self.blocks)
+        for fold in range(int(self.folds.max()) + 1):
+            test = self.folds == fold
+            losses[test] = self.loss(self.base_alone(~test), None, None, test)
+        return losses
+
+    def projected(self, moments: Moments) -> tuple[Floats, Floats]:
+        """Return X'X and, for each block, X'e after the base's tangent is projected out: (c, c), (blocks, c)."""
+        zz = self.zz.sum(0) + np.diag(self.penalty)
+        zx = moments.zx.sum(0)
+        through = np.linalg.solve(_stable(zz), zx)
+        return moments.xx.sum(0) - zx.T @ through, moments.xe - self.ze @ through
+
+    def flips(self, count: int) -> Floats:
+        """Return random signs (count, blocks)."""
+        rng = np.random.default_rng([self._seed, 7])
+        return rng.choice([-1.0, 1.0], (count, self.blocks))
+
+
+def folds_of(blocks: int, seed: int) -> Ints:
+    """Return the fold of each block: of every `FOLDS` neighbours, each goes into another fold.
+
+    >>> sorted(folds_of(8, 0).tolist())
+    [0, 1, 2, 3, 4, 5, 6, 7]
+    """
+    count = min(FOLDS, blocks)
+    rng = np.random.default_rng([seed, 3])
+    order = np.concatenate([rng.permutation(count) for _ in range(-(-blocks // count))])
+    return np.asarray(order[:blocks], np.int64)
+
+
+def _stable(gram: Floats) -> Floats:
+    """Return the matrix with its diagonal lifted by rounding's share."""
+    return gram + np.diag(1e-10 * np.maximum(np.diag(gram), 1e-300))
+
+
+def constrained(inner: Floats, pull: Floats, energy: Floats, rule: Rule) -> tuple[Floats, float]:
+    """Return coefficients within the rule, and the decrease of error power they bring.
+
+    Parameters
+    ----------
+    inner : (c, c), projected X'X. pull : (c,), projected X'e. energy : (c,), diagonal of X'X before projection.
+    """
+    inner = inner + np.diag(RELATIVE_RIDGE * np.maximum(energy, 1e-300))
+    if pull.size == 1:
+        weight = float(pull[0] / inner[0, 0])
+        if rule.signs[0] and weight * rule.signs[0] < 0.0:
+            weight = 0.0
+        if rule.near_one:
+            weight = float(np.clip(weight, GAIN_LOW, GAIN_HIGH)) if weight > 0.0 else 0.0
+        weights = np.array([weight])
+    else:
+        weights = np.linalg.solve(inner, pull)
+    return weights, float(2.0 * pull @ weights - weights @ inner @ weights)
+
+
+def null_maximum(
+    evidence: Evidence, projections: Sequence[tuple[Floats, Floats]], rules: Sequence[Rule], count: int
+) -> Floats:
+    """Return the largest gain among hypotheses for each sign flip of the blocks, (count,), N^2.
+
+    Parameters
+    ----------
+    projections : `Evidence.projected` of each hypothesis, from the residual without the best candidates' share.
+    """
+    signs = evidence.flips(count)
+    best = np.zeros(count)
+    for (inner, pulls), rule in zip(projections, rules, strict=True):
+        scale = np.sqrt(np.maximum(np.diag(inner), 1e-300))
+        values, vectors = np.linalg.eigh(inner / np.outer(scale, scale))
+        keep = values > 1e-6
+        white = (signs @ (pulls / scale)) @ vectors[:, keep] / np.sqrt(values[keep])
+        if rule.signs[0] and scale.size == 1:
+            white = np.maximum(white * rule.signs[0] * np.sign(vectors[0, 0]), 0.0)
+        best = np.maximum(best, np.square(white).sum(axis=1))
+    return best

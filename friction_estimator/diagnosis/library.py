@@ -1,0 +1,107 @@
+"""The hypotheses of a diagnosis: every effect with a regressor, over its grid."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from friction_estimator.core.sample import Floats
+from friction_estimator.diagnosis.evidence import Evidence, Moments, Rule
+from friction_estimator.effects.base import EFFECTS, Effect, RunningForce
+from friction_estimator.effects.features import Context, Features
+from friction_estimator.effects.reference import Reference
+
+LINES = 4
+"""Spectral lines that are tried as periodic disturbances."""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One effect at one point of its grid.
+
+    Attributes
+    ----------
+    effect : class of the effect. params : its point. moments : of its columns. rule : on its coefficients.
+    """
+
+    effect: type[Effect]
+    params: dict[str, float]
+    moments: Moments
+    rule: Rule
+
+    @property
+    def name(self) -> str:
+        """Id of the effect."""
+        return self.effect.name
+
+
+def columns_of(effect: type[Effect], params: dict[str, float], features: Features, reference: Reference) -> Floats:
+    """Return the columns of an effect over a whole record, (n, c)."""
+    return effect.columns(params)(features, reference)
+
+
+def with_running_force(features: Features, reference: Reference) -> Features:
+    """Return the features with the base model's force."""
+    return RunningForce(reference)(features)
+
+
+def hypothesis(
+    effect: type[Effect], params: dict[str, float], features: Features, reference: Reference, evidence: Evidence
+) -> Hypothesis:
+    """Return a hypothesis with its inner products."""
+    columns = columns_of(effect, params, features, reference)
+    signs = effect.signs if len(effect.signs) == columns.shape[1] else (0,) * columns.shape[1]
+    return Hypothesis(effect, params, evidence.moments(columns), Rule(signs, effect.fixed_gain))
+
+
+def build_library(
+    features: Features,
+    reference: Reference,
+    context: Context,
+    evidence: Evidence,
+    excluded: Iterable[str] = (),
+) -> list[Hypothesis]:
+    """Return all hypotheses, except those of excluded effects and those that the record lacks the channel for.
+
+    Position-dependent ones are tried with the integrated velocity as well: they then ask for the channel.
+    """
+    out = set(excluded)
+    found: list[Hypothesis] = []
+    for name, cls in EFFECTS.items():
+        if name in out or (cls.channel == "pressure" and "pressure" not in context.channels):
+            continue
+        for params in cls.grid(context):
+            found.append(hypothesis(cls, params, features, reference, evidence))
+    lines = EFFECTS["periodic_disturbance"]
+    if "periodic_disturbance" not in out:
+        for frequency in spectral_lines(evidence.residual, context):
+            found.append(hypothesis(lines, {"frequency": frequency}, features, reference, evidence))
+    return found
+
+
+def spectral_lines(residual: Floats, context: Context, count: int = LINES) -> list[float]:
+    """Return the frequencies of the highest peaks over their surroundings, Hz.
+
+    The spectrum is padded to twice the length; a peak is measured against the median of its 101 neighbours, so that a
+    coloured floor has no peaks.
+    """
+    n = residual.size
+    size = 1 << int(np.ceil(np.log2(2 * n)))
+    power = np.square(np.abs(np.fft.rfft(residual, size)))
+    frequency = np.fft.rfftfreq(size, context.step_s)
+    half = 50 * size // (2 * n)
+    kernel = max(1, half // 50)
+    coarse = power[: power.size // kernel * kernel].reshape(-1, kernel).mean(axis=1)
+    padded = np.pad(coarse, 50, mode="reflect")
+    floor = np.median(np.lib.stride_tricks.sliding_window_view(padded, 101), axis=1)
+    height = power[: floor.size * kernel] / np.maximum(np.repeat(floor, kernel), 1e-300)
+    height[frequency[: height.size] < 3.0 / context.duration_s] = 0.0
+    chosen: list[float] = []
+    reach = 4 * size // n
+    for _ in range(count):
+        top = int(np.argmax(height))
+        if height[top] <= 0.0:
+            break
+        chosen.append(float(frequency[top]))
+        height[max(0, top - reach) : top + reach + 1] = 0.0
+    return chosen
