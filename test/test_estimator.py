@@ -247,7 +247,7 @@ def test_results_do_not_depend_on_the_units(law, model_type):
     plain = estimator_for(samples, model__type=model_type, model__law=law, **theory)
     large = estimator_for(scaled, model__type=model_type, model__law=law, **theory)
     if model_type == "parallel":  # the same curve in the scaled world
-        curve = plain.model.theory
+        curve, large.model.theory_scale = plain.model.theory, plain.model.theory_scale
         large.model.theory = type(
             "Scaled", (), {"evaluate": lambda _, v, p, t: 1024.0 * curve.evaluate(v / 64.0, p, t)}
         )()

@@ -3,8 +3,8 @@
     .venv/bin/python benchmarks/robustness/run.py --configurations 1000 --samples 20000
     .venv/bin/python benchmarks/robustness/run.py --configurations 10 --samples 10000000
 
-A run diverges where a prediction is not finite, a parameter leaves the guarded range, or the error over the last fifth is
-above `LIMIT` times the spread of the friction over the same samples. Writes table.md beside this file.
+A run diverges where a prediction is not finite, a parameter leaves the guarded range, or the error over the last fifth
+is above `LIMIT` times the rms of the friction over the same samples. Writes table_SAMPLES.md beside this file.
 """
 
 import argparse

@@ -191,9 +191,9 @@ def _step_along(theta, direction, gain, status):  # type: ignore[no-untyped-def]
 def _trusted(shape, ring, status, x, direction, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Return `gain`, shortened until the model's bilinear term agrees with its linearisation.
 
-    Along gain * direction the prediction changes by gain x' direction + gain^2 sum_i dA_i dW' Psi[k-i] exactly. The second
-    term, which the law does not know of, is kept below half of the first: then a step that removes at most the whole error
-    of the linearised model never enlarges the error on its own sample.
+    Along gain * direction the prediction changes by gain x' direction + gain^2 sum_i dA_i dW' Psi[k-i] exactly. The
+    second term, which the law does not know of, is kept below half of the first: then a step that removes at most the
+    whole error of the linearised model never enlarges the error on its own sample.
     """
     taps, weights = shape[TAPS], shape[WEIGHTS]
     step = direction[taps : taps + weights]
@@ -213,8 +213,8 @@ def _trusted(shape, ring, status, x, direction, gain):  # type: ignore[no-untype
 def _learn_lms(shape, theta, law, moments, status, x, error):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """The paper's law: A* = A + mu e F, A = A*/||A*||, W += mu e A(q) Psi, A1 += mu e F1.
 
-    Guard: where mu |x|^2 > 1 the step would overshoot the sample that it learns from, the first sign of divergence. It is
-    shortened to mu = 1/|x|^2 and counted, and mu itself backs off to half; it recovers over 1 / RECOVERY samples.
+    Guard: where mu |x|^2 > 1 the step would overshoot the sample that it learns from, the first sign of divergence.
+    It is shortened to mu = 1/|x|^2 and counted, and mu itself backs off to half; it recovers over 1 / RECOVERY samples.
     """
     step = law[STEP] * moments[BACKOFF]
     energy = _dot(x, x)

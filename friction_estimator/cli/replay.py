@@ -1,0 +1,89 @@
+"""`replay`: the estimator over a recording, as fast as the machine goes, without a ROS graph."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from friction_estimator.cli import common
+from friction_estimator.cli.recorded import Loaded, add_model_options, load
+from friction_estimator.core.replay import Replay, replay, with_learned
+
+SCHEMA = "friction_estimator/replay/1"
+
+
+def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
+    """Add the verb's parser."""
+    parser = common.add_verb(
+        subparsers,
+        "replay",
+        "the estimator over a recording",
+        description="Run the estimator over a recording by the live node's own path and report the error of its "
+        "predictions, each made before its measurement was used.",
+        example="friction_estimator replay bags/rig_b --law rls --freeze-after 0.5 --out out",
+    )
+    parser.add_argument("bag", help="recording: ROS 2 folder, .mcap or .db3 file, or ROS 1 .bag")
+    add_model_options(parser)
+    parser.add_argument(
+        "--freeze-after",
+        type=float,
+        metavar="FRACTION",
+        help="learn on this first fraction of the samples only, and score the rest without learning",
+    )
+    parser.add_argument("--out", metavar="DIR", help="write bag/, figures/, report.html, summary.json, config.yaml")
+    common.add_bag_options(parser)
+    common.add_json_option(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    output = common.Output(args.json)
+    loaded = load(args, output, {"model.type": args.model, "model.law": args.law})
+    with common.progress("replaying", len(loaded.samples)) as advance:
+        result = replay(loaded.samples, loaded.config, freeze_after=args.freeze_after, advance=advance)
+    summary = summarise(loaded, result, SCHEMA)
+    _tell(output, summary)
+    if args.out:
+        # Drawing and HTML are loaded only where they are asked for.
+        from friction_estimator.cli.results import write_results  # noqa: PLC0415
+
+        write_results(Path(args.out), loaded.recording, result, summary)
+        output.say(f"{'written':<12}{args.out}: bag/, figures/, report.html, summary.json, config.yaml")
+    output.result(summary)
+    return 0
+
+
+def summarise(loaded: Loaded, result: Replay, schema: str) -> dict[str, Any]:
+    """Return the JSON of a replay (INTERFACE section 2)."""
+    config = result.config
+    return {
+        "schema": schema,
+        "bag": str(loaded.recording.path),
+        "model": config.model.type,
+        "law": config.model.law,
+        "samples": loaded.counts(),
+        **result.figures(),
+        "health": result.health,
+    }
+
+
+def warm_config(result: Replay) -> Any:
+    """Return the configuration that starts the live node from what was learned here."""
+    return with_learned(result.config, result.parameters)
+
+
+def _tell(output: common.Output, summary: dict[str, Any]) -> None:
+    figures = [
+        ("nrmse", summary["nrmse"], "a priori error over the std of friction, whole record"),
+        ("final", summary["nrmse_final"], "last fifth"),
+        ("frozen", summary["nrmse_frozen"], "without learning, after --freeze-after"),
+        ("persistence", summary["nrmse_persistence"], "the guess f[k-1], to read the others beside"),
+        ("theory", summary["theory_nrmse"], "the theoretical curve alone"),
+    ]
+    for name, value, meaning in figures:
+        if value is not None:
+            output.say(f"{name:<12}{value:.4f}  {meaning}")
+    if summary["diverged"]:
+        common.warn("the estimator diverged: lower the step size, or use --law rls")
+    health = summary["health"]
+    if health.outside:
+        common.warn(f"{health.outside} samples lie outside basis.velocity_range: they were predicted, not learned from")
