@@ -78,6 +78,18 @@ def test_gap_restarts_the_delay_lines():
     assert intake.sequencer.gaps == 1
 
 
+@pytest.mark.parametrize("slower", [3, 10, 100])
+def test_a_sensor_that_becomes_slower_is_not_all_gaps(slower):
+    """After a burst, or when a driver changes its rate."""
+    period = 1_000_000
+    stamps = np.cumsum(np.repeat([period, slower * period], 300)) + 10**9
+    sequencer = Sequencer(SyncConfig())
+    values = np.zeros(stamps.size)
+    _, restart = sequencer.admit(stamps, values, values)
+    assert not restart[-100:].any()
+    assert abs(sequencer.period_s - slower * 1e-3) < 0.1 * slower * 1e-3
+
+
 def test_slop_takes_the_nearest_and_uses_each_message_once():
     pairer = Pairer(SyncConfig(slop=0.0004))
     pairer.push(VELOCITY, np.array([1000, 1500, 2000]) * 1000, np.array([1.0, 1.5, 2.0]))

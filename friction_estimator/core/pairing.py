@@ -250,11 +250,12 @@ def _admit(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
                 reason = BACKWARD_STAMP
             elif events[0] == 0.0:
                 events[0] = step
-            elif step > gap_factor * events[0]:
-                restart[k] = True
-                events[1] += 1
             else:
-                # Slow average of the sample period; bounded steps, so that one odd stamp does not move it.
+                if step > gap_factor * events[0]:
+                    restart[k] = True
+                    events[1] += 1
+                # Slow average of the sample period; bounded steps, so that one odd stamp does not move it. Gaps count
+                # too, or a sensor that becomes five times slower would be all gaps for ever.
                 events[0] += 0.05 * (min(max(step, 0.5 * events[0]), 2.0 * events[0]) - events[0])
         if reason == USED:
             clock[0] = stamp[k]
