@@ -32,13 +32,15 @@ RELIABLE = {
 def await_(condition: Callable[[], Any], what: str, limit_s: float = LIMIT_S) -> Any:
     """Return the condition's first true value; fails with `what` where it never comes."""
     deadline = time.monotonic() + limit_s
+    pause = 0.0002
     while True:
         value = condition()
         if value:
             return value
         if time.monotonic() > deadline:
             raise AssertionError(f"not within {limit_s:g} s: {what}")
-        time.sleep(0.01)
+        time.sleep(pause)
+        pause = min(1.5 * pause, 0.02)
 
 
 @contextmanager
@@ -278,7 +280,7 @@ class Feeder:
         self._graph = graph
         text = serialised_frame(frame)
         text += bytes(-(12 + len(text) - 4) % 8)
-        self._layout = struct.Struct(f"<4siI{len(text)}s6d")
+        self._layout = struct.Struct(f"<4sII{len(text)}s6d")
         self._frame = text
 
     def matched(self, count: int = 1) -> None:
@@ -286,7 +288,7 @@ class Feeder:
 
     def message(self, stamp_ns: int, value: float) -> bytes:
         seconds, nanoseconds = divmod(stamp_ns, NS)
-        return self._layout.pack(b"\0\1\0\0", seconds, nanoseconds, self._frame, value, 0, 0, 0, 0, 0)
+        return self._layout.pack(b"\0\1\0\0", seconds % 2**32, nanoseconds, self._frame, value, 0, 0, 0, 0, 0)
 
     def velocity(self, stamp_ns: int, value: float) -> None:
         self._velocity.publish(self.message(stamp_ns, value))
