@@ -1,0 +1,242 @@
+"""`simulate`: the rig simulation writes a recording, with effects hidden in it on request."""
+
+import argparse
+from typing import Any
+
+import numpy as np
+
+from friction_estimator.bag.write import STORAGES, TOPICS, Progress, writing
+from friction_estimator.cli import common
+from friction_estimator.core.errors import InputError
+from friction_estimator.core.metrics import nrmse
+from friction_estimator.core.sample import Bools, Floats
+from friction_estimator.effects import list_effects, parse_effect
+from friction_estimator.rig.drive import (
+    CONDITION_SECONDS,
+    CONDITIONS,
+    PA_PER_PSI,
+    Segment,
+    celsius,
+    parse_schedule,
+    segment,
+)
+from friction_estimator.rig.plant import PLANTS
+from friction_estimator.rig.profiles import PROFILES, Geometry
+from friction_estimator.rig.sensors import stamps
+from friction_estimator.rig.simulate import Scenario, Simulation, simulate
+
+SCHEMA = "friction_estimator/simulate/1"
+
+CHANNEL_PERIOD_S = 0.1
+"""Pressure and temperature are sent when they change, and at least this often."""
+
+_DEFAULT_CONDITION = "b"
+
+
+def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
+    """Add the verb's parser."""
+    parser = common.add_verb(
+        subparsers,
+        "simulate",
+        "the rig simulation writes a recording",
+        description="Simulate a lip seal on a rig and write what its sensors show. The same options and seed give the "
+        "same recording. Conditions (the paper's Fig. 4, gauge pressure, 130 degF): a is T = 5 s at 50 psi, b is "
+        "T = 1 s at 50 psi, c is T = 5 s at 200 psi.",
+        example="friction_estimator simulate --out bags/inertia --plant clean --seed 7 \\\n"
+        "      --schedule 5:50:60:crank,1:200:30:crank --effect inertia:mass=2 --effect sensor_bias:size=0.02",
+    )
+    parser.add_argument("--out", metavar="BAG", help="recording to write: a folder, or a bare .mcap or .db3 file")
+    parser.add_argument("--storage", choices=STORAGES, help="format (default: by the name of BAG, else mcap)")
+    drive = parser.add_argument_group("drive")
+    what = drive.add_mutually_exclusive_group()
+    what.add_argument("--condition", choices=CONDITIONS, help=f"condition of the paper (default: {_DEFAULT_CONDITION})")
+    what.add_argument(
+        "--schedule",
+        metavar="PERIOD:PRESSURE_PSI:SECONDS[:PROFILE],...",
+        help="segments one after the other, each of the whole number of cycles nearest to SECONDS; "
+        f"profiles: {', '.join(PROFILES)} (default: sine)",
+    )
+    length = drive.add_mutually_exclusive_group()
+    length.add_argument("--cycles", type=int, metavar="N", help="length of a condition in cycles")
+    length.add_argument(
+        "--seconds", type=float, metavar="S", help=f"length of a condition, s (default: {CONDITION_SECONDS:g})"
+    )
+    drive.add_argument(
+        "--eccentric",
+        type=float,
+        default=Geometry().eccentric_m,
+        metavar="M",
+        help="half stroke, m (default: %(default)s)",
+    )
+    drive.add_argument(
+        "--rod",
+        type=float,
+        default=Geometry().rod_m,
+        metavar="M",
+        help="connecting rod of the profile crank, m (default: %(default)s)",
+    )
+    oil = drive.add_mutually_exclusive_group()
+    oil.add_argument("--temperature", type=float, metavar="DEGC", help="oil temperature, degC (default: 54.44)")
+    oil.add_argument("--temperature-degf", type=float, metavar="DEGF", help="the same in degF (default: 130)")
+    rig = parser.add_argument_group("rig")
+    rig.add_argument(
+        "--plant",
+        choices=PLANTS,
+        default="rig",
+        help="rig: realistic, asymmetric, its film lags; clean: differs from the theory only by what the diagnosis "
+        "base can learn (default: %(default)s)",
+    )
+    rig.add_argument("--rate", type=float, default=1000.0, metavar="HZ", help="sample rate (default: %(default)g)")
+    rig.add_argument(
+        "--noise",
+        type=float,
+        default=0.01,
+        metavar="R",
+        help="rms of the force noise over the rms of the clean friction (default: %(default)s)",
+    )
+    rig.add_argument(
+        "--seed", type=int, default=0, metavar="S", help="seed of everything random (default: %(default)s)"
+    )
+    rig.add_argument(
+        "--effect",
+        action="append",
+        default=[],
+        metavar="NAME[:key=value,...]",
+        help="hide an effect; size=R makes it change the friction by R of its rms; may be repeated",
+    )
+    rig.add_argument("--list-effects", action="store_true", help="print the effects with keys, units, ranges as JSON")
+    common.add_json_option(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    if args.list_effects:
+        print(common.to_json(list_effects()))
+        return 0
+    if args.out is None:
+        raise InputError("--out BAG is missing: name the recording to write")
+    output = common.Output(args.json)
+    run_ = simulate(scenario_from(args))
+    with common.progress("writing", unit="messages") as advance:
+        write_recording(args.out, run_, args.storage, advance)
+    summary = summarise(args.out, run_)
+    _tell(output, run_, summary)
+    output.result(summary)
+    return 0
+
+
+def scenario_from(args: argparse.Namespace) -> Scenario:
+    """Return the scenario that the options describe; InputError or ConfigError where they describe none."""
+    temperature = celsius(130.0)
+    if args.temperature is not None:
+        temperature = args.temperature
+    elif args.temperature_degf is not None:
+        temperature = celsius(args.temperature_degf)
+    return Scenario(
+        segments=_segments(args),
+        plant=args.plant,
+        rate_hz=args.rate,
+        noise=args.noise,
+        seed=args.seed,
+        effects=tuple(parse_effect(text) for text in args.effect),
+        temperature_degC=temperature,
+        geometry=Geometry(args.eccentric, args.rod),
+    )
+
+
+def _segments(args: argparse.Namespace) -> tuple[Segment, ...]:
+    if args.schedule is not None:
+        for option in ("cycles", "seconds"):
+            if getattr(args, option) is not None:
+                raise InputError(f"--{option} goes with --condition: a schedule states its own SECONDS")
+        return parse_schedule(args.schedule)
+    period, pressure = CONDITIONS[args.condition or _DEFAULT_CONDITION]
+    if args.cycles is not None:
+        return (Segment(period, pressure * PA_PER_PSI, args.cycles),)
+    return (segment(period, pressure, CONDITION_SECONDS if args.seconds is None else args.seconds),)
+
+
+def write_recording(path: str, run_: Simulation, storage: str | None = None, progress: Progress | None = None) -> None:
+    """Write what the sensors of a simulated run show, on the default topics.
+
+    Header stamps are the sensors' (faults of their clocks included), the time of recording is the true one. Pressure
+    and temperature are sent when they change and at least every 0.1 s: held values are exact.
+
+    Raises InputError where `path` cannot be written.
+    """
+    samples, scenario = run_.samples, run_.scenario
+    true_ns = stamps(len(samples), scenario.rate_hz, scenario.start_ns)
+    every = max(1, round(CHANNEL_PERIOD_S * scenario.rate_hz))
+    whole = np.ones(len(samples), np.bool_)
+    channels: list[tuple[str, Floats | None, Bools]] = [
+        ("pressure", samples.pressure_Pa, _sent(samples.pressure_Pa, every)),
+        ("temperature", samples.temperature_degC, _sent(samples.temperature_degC, every)),
+        ("position", samples.position_m, whole),
+        ("velocity", samples.velocity_m_s, whole),
+        ("friction", samples.friction_N, whole),
+    ]
+    with writing(path, storage, progress) as writer:
+        for name, value, sent in channels:
+            if value is None:
+                continue
+            stamp_ns = run_.friction_stamp_ns if name == "friction" else samples.stamp_ns
+            topic, kind = TOPICS[name]
+            writer.add_stream(
+                topic, kind, stamp_ns[sent], value[sent], quantity=name, log_time_ns=true_ns[sent], frame_id="rig"
+            )
+
+
+def _sent(value: Floats | None, every: int) -> Bools:
+    """Return where a channel sends: at the start, at each change, and every `every` samples."""
+    if value is None:
+        return np.zeros(0, np.bool_)
+    sent = np.arange(value.size) % every == 0
+    sent[1:] |= value[1:] != value[:-1]
+    return np.asarray(sent)
+
+
+def summarise(bag: str, run_: Simulation) -> dict[str, Any]:
+    """Return the JSON of a simulation: what was asked for, and the truth."""
+    scenario = run_.scenario
+    return {
+        "schema": SCHEMA,
+        "bag": bag,
+        "plant": scenario.plant,
+        "schedule": scenario.segments,
+        "samples": len(run_.samples),
+        "sample_rate_hz": scenario.rate_hz,
+        "duration_s": scenario.duration_s,
+        "temperature_degC": scenario.temperature_degC,
+        "eccentric_m": scenario.geometry.eccentric_m,
+        "rod_m": scenario.geometry.rod_m,
+        "noise": scenario.noise,
+        "seed": scenario.seed,
+        "topics": {name: topic for name, (topic, _) in TOPICS.items()},
+        "truth": {
+            "clean_friction_rms_N": _rms(run_.clean_N),
+            "noise_rms_N": _rms(run_.noise_N),
+            "theory_nrmse": nrmse(run_.clean_N, run_.theory_N),
+            "effects": [
+                {"name": effect.name, "spec": effect.spec, "values": effect.values, "size": size}
+                for effect, size in zip(run_.effects, run_.sizes, strict=True)
+            ],
+        },
+    }
+
+
+def _tell(output: common.Output, run_: Simulation, summary: dict[str, Any]) -> None:
+    scenario, truth = run_.scenario, summary["truth"]
+    for part in scenario.segments:
+        output.say(
+            f"{'segment':<12}{part.cycles} cycles of {part.period_s:g} s, {part.profile}, "
+            f"{part.pressure_Pa / PA_PER_PSI:g} psi gauge ({part.pressure_Pa:.6g} Pa)"
+        )
+    output.say(f"{'friction':<12}{truth['clean_friction_rms_N']:.4g} N rms, noise {truth['noise_rms_N']:.3g} N rms")
+    output.say(f"{'theory':<12}{truth['theory_nrmse']:.3f} of the std of the clean friction is its error")
+    for effect in truth["effects"]:
+        output.say(f"{'effect':<12}{effect['spec']}, changes the friction by {effect['size']:.4f} of its rms")
+    output.say(f"{'written':<12}{summary['bag']}: {summary['samples']} samples, {summary['duration_s']:g} s")
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
