@@ -53,6 +53,9 @@ LEAST_BACKOFF, RECOVERY = 1e-4, 1e-4
 LEAST_POWER = 1e-12
 """Floor of the running powers: float noise of a perfect model is no alarm."""
 
+WHOLE_STEP = 1.001
+"""rls forgets only where its step was not shortened by more than this factor of the noise variance."""
+
 LEAST_EXCITATION, LARGEST_EXCITATION = 1e-14, 1e14
 """rls learns from samples whose x' P x lies between: below there is nothing to learn, above rounding would rule."""
 
@@ -260,7 +263,7 @@ def _learn_nlms(shape, theta, ring, law, status, prior, x, error, gain):  # type
 
 
 @njit(cache=True)
-def _learn_rls(shape, theta, ring, law, moments, status, root, diagonal, prior, x, error, projected, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def _learn_rls(shape, theta, ring, law, moments, status, root, diagonal, prior, x, error, clipped, projected, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Recursive prediction error with directional forgetting, in square-root form.
 
     P = S S' is positive semidefinite whatever is rounded. With r = x' P x the update
@@ -269,7 +272,8 @@ def _learn_rls(shape, theta, ring, law, moments, status, root, diagonal, prior, 
 
     is the information update R <- R - (1 - lambda) x x' / (x' P x) + x x' of Kulhavy and Karny (1984): only what is
     known along x is forgotten, so nothing winds up at standstill. Forgetting pauses where it would raise a variance
-    above its prior. When the running error rises far above its quiet level, the friction has changed abruptly: the
+    above its prior. A step that is shortened, because the error is an outlier or because the model is too curved for
+    it, counts as proportionally less information. When the running error rises far above its quiet level, the friction has changed abruptly: the
     covariance is set back to the prior once, the parameters stay.
     """
     n = theta.size
@@ -296,15 +300,19 @@ def _learn_rls(shape, theta, ring, law, moments, status, root, diagonal, prior, 
         return
     for i in range(n):
         gain[i] = _dot(root[i], projected)
-    step = _trusted(shape, ring, status, x, gain, error / (1.0 + r))
+    step = _trusted(shape, ring, status, x, gain, clipped / (1.0 + r))
     if not _step_along(theta, gain, step, status):
         return
-    shrink = 1.0 / (law[FORGETTING] * (1.0 + r))
+    # step = error / (rho + r): rho is the noise variance, 1 for a whole step, at which this step is the whole one.
+    rho = max(1.0, error / step - r) if step != 0.0 else 1.0
+    shrink = rho / (rho + r)
+    if rho < WHOLE_STEP:
+        shrink /= law[FORGETTING]
     change = (1.0 - shrink) / r  # P <- P - change g g'
     if shrink > 1.0:
         for i in range(n):
             if diagonal[i] - change * gain[i] * gain[i] > prior[i]:
-                shrink = 1.0 / (1.0 + r)
+                shrink = rho / (rho + r)
                 change = (1.0 - shrink) / r
                 break
     gamma = (1.0 - np.sqrt(shrink)) / r
@@ -397,4 +405,6 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
         if law_number == NLMS:
             _learn_nlms(shape, theta, ring, law, status, prior, x, clipped, gain)
         else:
-            _learn_rls(shape, theta, ring, law, moments, status, root, diagonal, prior, x, clipped, projected, gain)
+            _learn_rls(
+                shape, theta, ring, law, moments, status, root, diagonal, prior, x, error, clipped, projected, gain
+            )
