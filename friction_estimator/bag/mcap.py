@@ -140,8 +140,8 @@ def _string(body: bytes, at: int) -> tuple[str, int]:
 def _index_places(chunk: _Chunk) -> dict[int, tuple[int, int]]:
     """Return where each channel's message index begins and ends in the file."""
     ordered = sorted(chunk.indices.items(), key=lambda item: item[1])
-    ends = [place for _, place in ordered[1:]] + [chunk.start + chunk.length + chunk.index_length]
-    return {channel: (place, end) for (channel, place), end in zip(ordered, ends, strict=True)}
+    places = [place for _, place in ordered] + [chunk.start + chunk.length + chunk.index_length]
+    return {channel: (place, end) for (channel, place), end in zip(ordered, places[1:], strict=True)}
 
 
 def _read_chunks(path: Path, chunks: list[_Chunk], wanted: dict[int, str]) -> Iterator[Batch]:

@@ -121,6 +121,8 @@ class Source:
         if not chosen:
             return
         for connection, log_time, raw in self._reader.messages(connections=chosen):
+            if not isinstance(raw, bytes):
+                raise TypeError(f"a message on {connection.topic} is no bytes but {type(raw).__name__}")
             times, messages = boxes[connection.topic]
             times.append(log_time)
             messages.append(raw)
@@ -157,11 +159,11 @@ def _readable(path: Path) -> Iterator[None]:
     """Turn whatever reading a damaged file raises into one InputError."""
     try:
         yield
-    except (FrictionEstimatorError, MemoryError):
+    except FrictionEstimatorError:
         raise
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from error
-    except Exception as error:  # rosbags and its decompressors raise many kinds
+    except Exception as error:  # rosbags and its decompressors raise many kinds, MemoryError for absurd lengths
         reason = " ".join(str(error).split()).removeprefix(f"Cannot open database {path}: ")
         remedy = _REMEDIES.get(path.suffix, "check its metadata.yaml, or run `ros2 bag reindex` on it")
         raise InputError(f"{path} is damaged: {reason.rstrip('.') or type(error).__name__}; {remedy}") from error

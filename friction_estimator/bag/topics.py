@@ -90,7 +90,8 @@ def assign(
         if name in found:
             continue
         try:
-            topic = chooser.unnamed(name, besides=joints)
+            by_type = joints is None or name != "position"  # one JointState topic holds everything of its joint
+            topic = chooser.unnamed(name, by_type=by_type)
         except (InputError, UnanswerableError) as error:
             notes.append(f"no {name} is used: {str(error).removeprefix(f'{where}: ')}")
             continue
@@ -118,15 +119,15 @@ class _Chooser:
             raise InputError(f"{self._where}: {topic} cannot be read as {name}; {_readable_types(name)} can")
         return topic
 
-    def unnamed(self, name: str, besides: Topic | None = None) -> Topic | None:
-        """Return the topic that name or type makes an input; None where there is none.
+    def unnamed(self, name: str, *, by_type: bool = True) -> Topic | None:
+        """Return the topic that its name, or else its type, makes an input; None where there is none.
 
         Raises InputError where several could be meant, UnanswerableError where none of several holds it.
         """
-        usable = [topic for topic in self._topics if topic.count and topic != besides and self._readable(name, topic)]
-        by_name = [topic for topic in usable if _last(topic) == name]
-        by_type = [topic for topic in usable if self._typical(name, topic)]
-        for candidates in (by_name, by_type):
+        usable = [topic for topic in self._topics if topic.count and self._readable(name, topic)]
+        named_so = [topic for topic in usable if _last(topic) == name]
+        typical = [topic for topic in usable if by_type and self._typical(name, topic)]
+        for candidates in (named_so, typical):
             if len(candidates) == 1:
                 return candidates[0]
             if candidates:
@@ -163,7 +164,7 @@ class _Chooser:
     @staticmethod
     def _typical(name: str, topic: Topic) -> bool:
         last = _last(topic)
-        if last in OWN_OUTPUTS or (last != name and last in (*INPUTS, JOINT_STATES)):
+        if last in OWN_OUTPUTS or (last != name and last in INPUTS):
             return False
         return name == JOINT_STATES or name in EXTRACTORS[topic.message_type].typical_of
 
