@@ -16,7 +16,7 @@ MARGIN = 1.05
 
 
 def with_recorded_units(config: Config, velocity_m_s: Floats, friction_N: Floats) -> Config:
-    """Fill in what is unset from a recording: a symmetric velocity range and the rms of friction.
+    """Fill in what is unset from a recording: a symmetric velocity range and the usual magnitude of friction.
 
     One wild velocity must not stretch the range: the 99.9 % quantile of |v| counts where the maximum is more than twice
     as large. Non-finite values are passed over.
@@ -30,11 +30,7 @@ def with_recorded_units(config: Config, velocity_m_s: Floats, friction_N: Floats
         reach = MARGIN * top if top > 0.0 else LIVE_VELOCITY_RANGE[1]
         values["basis.velocity_range"] = (-reach, reach)
     if not config.force_unit > 0.0:
-        finite = friction_N[np.isfinite(friction_N)]
-        # The median square is blind to spikes; 0.45 is its share of the mean square for a Gaussian.
-        usual = float(np.sqrt(np.median(np.square(finite)) / 0.4549)) if finite.size else 0.0
-        rms = float(np.sqrt(np.mean(np.square(np.clip(finite, -6 * usual, 6 * usual))))) if usual > 0.0 else 0.0
-        values["force_unit"] = rms if rms > 0.0 else LIVE_FORCE_UNIT
+        values["force_unit"] = usual_magnitude(friction_N) or LIVE_FORCE_UNIT
     return config.updated(values)
 
 
@@ -46,3 +42,18 @@ def with_live_units(config: Config) -> Config:
     if not config.force_unit > 0.0:
         values["force_unit"] = LIVE_FORCE_UNIT
     return config.updated(values)
+
+
+def usual_magnitude(friction_N: Floats) -> float:
+    """Return the rms of friction while there is some, N; 0 where there is none.
+
+    Spikes (the largest 2 %) are cut off, and what is below a tenth of the rest is left out, so that neither a wild
+    sensor nor a long standstill decides.
+    """
+    magnitude = np.abs(friction_N[np.isfinite(friction_N)])
+    top = float(np.quantile(magnitude, 0.98)) if magnitude.size else 0.0
+    top = top if top > 0.0 else float(magnitude.max(initial=0.0))
+    if not top > 0.0:
+        return 0.0
+    moving = np.minimum(magnitude[magnitude >= 0.1 * top], top)
+    return top * float(np.sqrt(np.mean(np.square(moving / top))))
