@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from friction_estimator.core.batch import fit_batch
+from friction_estimator.core.batch import predict, refine
 from friction_estimator.core.config import Config, SealConfig
 from friction_estimator.core.derive import with_recorded_units
+from friction_estimator.core.model import Model
+from friction_estimator.core.moments import gather
 from friction_estimator.core.theory_seal import SealCurve
 from friction_estimator.rig.drive import CONDITIONS, segment
 from friction_estimator.rig.plant import CLEAN_TAPS, PLANTS, CleanPlant, RigPlant
@@ -20,11 +22,14 @@ def trace(plant, condition="b", seconds=4.0, rate=1000.0, law=None):
 
 
 def unexplained(plant, condition, noise=0.01, seconds=8.0):
-    """Rms of what the parallel structure's best fit leaves beside the noise, over rms of friction."""
+    """Rms of what a least-squares fit of the parallel structure leaves beside the noise, over rms of friction."""
     run = simulate(Scenario((segment(*CONDITIONS[condition], seconds),), plant=plant, noise=noise))
     samples = run.paired()
     config = with_recorded_units(Config(), samples.velocity_m_s, samples.friction_N)
-    error = samples.friction_N - run.noise_N - fit_batch(samples, config).predicted_N
+    model = Model(config)
+    start = np.eye(config.fir.order + 1)[0]
+    fit = model.split(refine(gather(model, samples), start))
+    error = samples.friction_N - run.noise_N - predict(samples, config, fit)
     return np.sqrt(np.mean(np.square(error)) / np.mean(np.square(run.clean_N)))
 
 
