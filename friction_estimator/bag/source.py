@@ -90,6 +90,22 @@ class Source:
             chosen = [item for item in self._reader.connections if item.topic == topic]
             return next((raw for _, _, raw in self._reader.messages(connections=chosen)), None) if chosen else None
 
+    def messages(self, topics: Collection[str], start_ns: int | None = None) -> Iterator[tuple[str, int, bytes]]:
+        """Yield (topic, time of recording in ns, raw message) of some topics in recorded order.
+
+        `start_ns` skips what was recorded before. Raises InputError where the recording is damaged.
+        """
+        with _readable(self.path):
+            chosen = [item for item in self._reader.connections if item.topic in topics]
+            if chosen:
+                for connection, log_time, raw in self._reader.messages(connections=chosen, start=start_ns):
+                    yield connection.topic, log_time, raw
+
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """Time of recording of the first message, and a moment after the last, ns."""
+        return self._reader.start_time, self._reader.end_time
+
     def batches(self, topics: Collection[str]) -> Iterator[Batch]:
         """Yield the raw messages of some topics; those of one topic come in the order of the recording.
 
