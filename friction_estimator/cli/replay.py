@@ -19,7 +19,7 @@ def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
         "the estimator over a recording",
         description="Run the estimator over a recording by the live node's own path and report the error of its "
         "predictions, each made before its measurement was used.",
-        example="friction_estimator replay bags/rig_b --law rls --freeze-after 0.5 --out out",
+        example="friction_estimator replay bags/demo --law rls --freeze-after 0.5 --out out",
     )
     parser.add_argument("bag", help="recording: ROS 2 folder, .mcap or .db3 file, or ROS 1 .bag")
     add_model_options(parser)

@@ -1,0 +1,225 @@
+"""The verb `replay`: figures, files, wrong uses; real measurements where they are at hand."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from friction_estimator.bag.read import read_recording
+from friction_estimator.bag.samples import to_samples
+from friction_estimator.bag.write import RecordingWriter, write_samples, writing
+from friction_estimator.cli.main import main
+from friction_estimator.core.config import Config
+from friction_estimator.core.derive import usual_magnitude, with_recorded_units
+from friction_estimator.core.replay import replay
+from friction_estimator.core.sample import Samples
+from friction_estimator.files import read_config
+
+ROOT = Path(__file__).parents[1]
+DEMO = ROOT / "bags" / "demo"
+KEYS = {
+    "schema", "bag", "model", "law", "samples", "sample_rate_hz", "duration_s", "nrmse", "nrmse_persistence",
+    "nrmse_final", "nrmse_by_cycle", "nrmse_frozen", "fit_percent", "theory_nrmse", "diverged", "samples_per_second",
+    "parameters",
+}  # fmt: skip
+
+
+def run(*words):
+    try:
+        return main(["replay", *map(str, words)])
+    except SystemExit as end:
+        return end.code
+
+
+def replayed(capsys, *words):
+    assert run(*words, "--json", "-") == 0
+    return json.loads(capsys.readouterr().out)
+
+
+@pytest.fixture
+def demo() -> Samples:
+    return to_samples(read_recording(DEMO), Config()).samples
+
+
+def test_json_has_every_key_of_the_contract(capsys):
+    result = replayed(capsys, DEMO)
+    assert set(result) >= KEYS
+    assert result["schema"] == "friction_estimator/replay/1"
+    assert result["samples"] == {"read": 4400, "used": 4400, "rejected": {}}
+    assert result["nrmse_frozen"] is None
+    assert result["nrmse_final"] < 0.05 < result["nrmse_persistence"]
+    assert result["fit_percent"] == pytest.approx(100 * (1 - result["nrmse_final"]))
+    assert len(result["nrmse_by_cycle"]) in (20, 21, 22)
+    assert not result["diverged"]
+
+
+@pytest.mark.parametrize("law", ["lms", "nlms", "rls"])
+@pytest.mark.parametrize("model", ["hammerstein", "parallel"])
+def test_every_law_and_model_runs_and_learns(capsys, law, model):
+    result = replayed(capsys, DEMO, "--law", law, "--model", model)
+    assert (result["law"], result["model"]) == (law, model)
+    assert (result["theory_nrmse"] is None) == (model == "hammerstein")
+    assert (result["parameters"]["theory_taps"] is None) == (model == "hammerstein")
+    cycles = result["nrmse_by_cycle"]
+    assert cycles[-1] < 0.8 * cycles[0]
+
+
+def test_frozen_part_is_predicted_without_learning(capsys, demo):
+    result = replayed(capsys, DEMO, "--freeze-after", 0.5)
+    assert result["nrmse_frozen"] < 0.06
+    config = with_recorded_units(Config(), demo.velocity_m_s, demo.friction_N)
+    frozen = replay(demo, config, freeze_after=0.5)
+    # Nothing after the freeze may depend on the measurements there.
+    half = round(0.5 * len(demo))
+    wrong = demo.friction_N.copy()
+    wrong[half:] = 0.0
+    blind = replay(replace(demo, friction_N=wrong), config, freeze_after=0.5)
+    np.testing.assert_array_equal(blind.predicted_N, frozen.predicted_N)
+
+
+def test_results_are_whole_and_feed_the_next_run(tmp_path, capsys):
+    out = tmp_path / "out"
+    assert run(DEMO, "--out", out) == 0
+    assert {p.name for p in out.iterdir()} == {"bag", "figures", "report.html", "summary.json", "config.yaml"}
+    assert {p.name for p in (out / "figures").iterdir()} == {
+        "signals.png", "convergence.png", "friction_map.png", "taps.png",
+    }  # fmt: skip
+    page = (out / "report.html").read_text()
+    assert page.count("data:image/png;base64") == 4
+    assert "http" not in page
+    first = json.loads((out / "summary.json").read_text())
+    capsys.readouterr()
+    warm = replayed(capsys, out / "bag", "--config", out / "config.yaml")
+    assert warm["samples"] == first["samples"]
+    assert warm["nrmse"] < 0.8 * first["nrmse"]
+    config = read_config(out / "config.yaml")
+    assert len(config.learned.fir_taps) == config.fir.order + 1
+    # The enriched recording holds the predictions, stamp by stamp.
+    topics = {"friction": "/friction_estimator/friction_predicted"}
+    predicted = to_samples(read_recording(out / "bag", topics=topics), Config()).samples
+    residual = to_samples(read_recording(out / "bag", topics={"friction": "/friction_estimator/residual"}), Config())
+    measured = to_samples(read_recording(out / "bag"), Config()).samples
+    np.testing.assert_allclose(predicted.friction_N + residual.samples.friction_N, measured.friction_N, atol=1e-12)
+
+
+def test_a_replay_repeats_bit_for_bit(capsys):
+    first, second = replayed(capsys, DEMO), replayed(capsys, DEMO)
+    first.pop("samples_per_second")
+    second.pop("samples_per_second")
+    assert first == second
+
+
+def test_an_existing_folder_of_the_users_is_not_emptied(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    assert run(DEMO, "--out", tmp_path) == 0
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def faulty(tmp_path, demo, **changes):
+    """Write the demo with changed arrays; stamps are written as they are, in this order."""
+    samples = replace(demo, **changes)
+    path = tmp_path / "faulty"
+    log = 1_000_000_000 + np.arange(len(samples), dtype=np.int64) * 5_000_000
+    with writing(path) as writer:
+        assert isinstance(writer, RecordingWriter)
+        for quantity, kind, values in (
+            ("velocity", "geometry_msgs/msg/TwistStamped", samples.velocity_m_s),
+            ("friction", "geometry_msgs/msg/WrenchStamped", samples.friction_N),
+        ):
+            writer.add_stream(f"/{quantity}", kind, samples.stamp_ns, values, quantity=quantity, log_time_ns=log)
+    return path
+
+
+def test_bad_samples_are_counted_by_reason(tmp_path, demo, capsys):
+    demo = demo[:2000]
+    stamp, v, f = demo.stamp_ns.copy(), demo.velocity_m_s.copy(), demo.friction_N.copy()
+    f[100:103] = np.nan
+    v[200] = np.nan
+    f[300] = np.inf
+    stamp[400] = stamp[399]
+    stamp[500:502] = stamp[490:492]
+    stamp[600] = 0
+    result = replayed(capsys, faulty(tmp_path, demo, stamp_ns=stamp, velocity_m_s=v, friction_N=f))
+    assert result["samples"]["rejected"] == {
+        "nan": 4, "infinite": 1, "duplicate_stamp": 1, "backward_stamp": 2, "zero_stamp": 1,
+    }  # fmt: skip
+    assert result["samples"]["used"] == 2000 - 9
+    assert result["samples"]["read"] == 2000
+
+
+def test_missing_partners_are_counted(tmp_path, demo, capsys):
+    demo = demo[:1000]
+    path = tmp_path / "lossy"
+    keep = np.ones(1000, np.bool_)
+    keep[[10, 500, 501]] = False
+    with writing(path) as writer:
+        writer.add_stream(
+            "/velocity", "geometry_msgs/msg/TwistStamped", demo.stamp_ns, demo.velocity_m_s, quantity="velocity"
+        )
+        writer.add_stream("/friction", "geometry_msgs/msg/WrenchStamped", demo.stamp_ns[keep], demo.friction_N[keep])
+    result = replayed(capsys, path)
+    assert result["samples"] == {"read": 1000, "used": 997, "rejected": {"unmatched": 3}}
+
+
+def test_a_constant_recording_gives_null_not_nan(tmp_path, demo, capsys):
+    still = replace(demo[:500], velocity_m_s=np.zeros(500), friction_N=np.full(500, 2.0))
+    write_samples(tmp_path / "still", still)
+    result = replayed(capsys, tmp_path / "still")
+    assert result["nrmse"] is None
+    assert result["nrmse_by_cycle"] == []
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "says"),
+    [
+        (["nowhere"], 2, "no such file"),
+        ([DEMO, "--freeze-after", "1.5"], 2, "freeze-after"),
+        ([DEMO, "--law", "kalman"], 2, "--law"),
+        ([DEMO, "--topic", "speed=/v"], 2, "unknown input"),
+        ([DEMO, "--topic", "velocity=/none"], 2, "/none"),
+        ([DEMO, "--config", "none.yaml"], 2, "none.yaml"),
+        ([], 2, "bag"),
+    ],
+)
+def test_wrong_uses_say_what_to_do_in_one_line(words, code, says, capsys):
+    assert run(*words) == code
+    err = capsys.readouterr().err
+    assert says in err
+    assert "Traceback" not in err
+    assert len(err.strip().splitlines()) == 1
+
+
+def test_parallel_without_a_theory_is_refused(tmp_path, capsys):
+    config = tmp_path / "none.yaml"
+    config.write_text("/**:\n  ros__parameters:\n    theory:\n      kind: none\n")
+    assert run(DEMO, "--config", config) == 2
+    assert "theory.kind" in capsys.readouterr().err
+    config.write_text("/**:\n  ros__parameters:\n    theory: {kind: none}\n    model: {type: hammerstein}\n")
+    assert run(DEMO, "--config", config) == 0
+
+
+def test_force_unit_is_blind_to_spikes_and_standstill():
+    t = np.arange(10_000)
+    f = 5.0 * np.sign(np.sin(t / 50.0))
+    f[(t // 1000) % 5 != 0] = 0.0
+    f[::100] = 1e6
+    assert usual_magnitude(f) == pytest.approx(5.0, rel=0.1)
+    assert usual_magnitude(np.zeros(5)) == 0.0
+    assert usual_magnitude(np.array([np.nan])) == 0.0
+
+
+def test_emps_is_predicted_without_a_configuration(shared_data, tmp_path, capsys):
+    table = shared_data / "emps_nlgreyfast" / "data.csv"
+    assert (
+        main(
+            ["import", str(table), "--out", str(tmp_path / "emps"), "--time", "t_s", "--map",
+             "velocity=v_m_s,friction=friction_filt_N,position=q_filt_m"]
+        )
+        == 0
+    )  # fmt: skip
+    capsys.readouterr()
+    result = replayed(capsys, tmp_path / "emps", "--law", "rls", "--model", "hammerstein", "--freeze-after", 0.5)
+    assert result["samples"]["used"] == 24841
+    assert result["nrmse_frozen"] <= 0.055
