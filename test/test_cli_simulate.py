@@ -12,8 +12,12 @@ from friction_estimator.bag.samples import to_samples
 from friction_estimator.cli.main import main
 from friction_estimator.cli.simulate import write_recording
 from friction_estimator.core.config import Config
+from friction_estimator.core.derive import with_recorded_units
+from friction_estimator.core.metrics import nrmse
+from friction_estimator.core.replay import replay, with_learned
 from friction_estimator.effects import EFFECTS, parse_effect
-from friction_estimator.rig.drive import parse_schedule
+from friction_estimator.files import write_config
+from friction_estimator.rig.drive import parse_schedule, segment
 from friction_estimator.rig.simulate import Scenario, simulate
 
 BAGS = Path(__file__).parents[1] / "bags"
@@ -142,6 +146,46 @@ def test_a_wrong_use_is_refused_in_one_line_and_writes_nothing(tmp_path, capsys,
 def test_a_name_that_contradicts_the_storage_is_refused(tmp_path, capsys):
     assert run("--out", tmp_path / "x.mcap", "--storage", "sqlite3", *SHORT) == 2
     assert "x.mcap" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def learned(tmp_path_factory):
+    """A configuration that learned from the example recording."""
+    folder = tmp_path_factory.mktemp("learned")
+    samples = read(BAGS / "demo")
+    config = with_recorded_units(Config(), samples.velocity_m_s, samples.friction_N)
+    result = replay(samples, config)
+    write_config(folder / "config.yaml", with_learned(config, result.parameters))
+    return folder / "config.yaml"
+
+
+def test_a_learned_model_plays_the_plant_it_was_learned_from(tmp_path, learned, capsys):
+    words = ["--out", tmp_path / "bag", "--condition", "b", "--cycles", 3, "--rate", 200, "--noise", 0, "--json"]
+    assert run(*words, "--config", learned) == 0
+    captured = capsys.readouterr()
+    assert json.loads(captured.out)["plant"] == "identified"
+    assert "warning" not in captured.err
+    truth = simulate(Scenario((segment(1.0, 50.0, 3.0),), rate_hz=200.0)).clean_N
+    assert nrmse(truth[200:], read(tmp_path / "bag").friction_N[200:]) < 0.03
+
+
+def test_a_learned_model_knows_its_limits(tmp_path, learned, capsys):
+    out = ["--out", tmp_path / "bag", "--rate", 200, "--config", learned]
+    assert run(*out, "--plant", "rig") == 2
+    assert "holds a learned model" in capsys.readouterr().err
+    assert run(*out, "--effect", "wear") == 2
+    assert "wear acts on the oil film" in capsys.readouterr().err
+    assert run(*out, "--schedule", "0.5:50:2", "--effect", "inertia:mass=1") == 0
+    assert "samples lie outside basis.velocity_range" in capsys.readouterr().err
+
+
+def test_a_configuration_without_learned_values_sets_the_theory(tmp_path, capsys):
+    (tmp_path / "seal.yaml").write_text("/**: {ros__parameters: {seal: {boundary_friction: 0.4}}}", encoding="utf-8")
+    forces = []
+    for words in ([], ["--config", tmp_path / "seal.yaml"]):
+        assert run("--out", tmp_path / "bag", *SHORT, "--json", *words) == 0
+        forces.append(json.loads(capsys.readouterr().out)["truth"]["clean_friction_rms_N"])
+    assert forces[1] > 1.5 * forces[0]
 
 
 def example_commands():

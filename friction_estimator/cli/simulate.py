@@ -7,10 +7,12 @@ import numpy as np
 
 from friction_estimator.bag.write import STORAGES, TOPICS, Progress, writing
 from friction_estimator.cli import common
+from friction_estimator.core.config import Config
 from friction_estimator.core.errors import InputError
 from friction_estimator.core.metrics import nrmse
 from friction_estimator.core.sample import Bools, Floats
 from friction_estimator.effects import list_effects, parse_effect
+from friction_estimator.files import read_config
 from friction_estimator.rig.drive import (
     CONDITION_SECONDS,
     CONDITIONS,
@@ -20,7 +22,8 @@ from friction_estimator.rig.drive import (
     parse_schedule,
     segment,
 )
-from friction_estimator.rig.plant import PLANTS
+from friction_estimator.rig.identified import IdentifiedPlant
+from friction_estimator.rig.plant import PLANTS, Law
 from friction_estimator.rig.profiles import PROFILES, Geometry
 from friction_estimator.rig.sensors import stamps
 from friction_estimator.rig.simulate import Scenario, Simulation, simulate
@@ -31,6 +34,7 @@ CHANNEL_PERIOD_S = 0.1
 """Pressure and temperature are sent when they change, and at least this often."""
 
 _DEFAULT_CONDITION = "b"
+_DEFAULT_PLANT = "rig"
 
 
 def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
@@ -82,9 +86,14 @@ def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
     rig.add_argument(
         "--plant",
         choices=PLANTS,
-        default="rig",
         help="rig: realistic, asymmetric, its film lags; clean: differs from the theory only by what the diagnosis "
-        "base can learn (default: %(default)s)",
+        f"base can learn (default: {_DEFAULT_PLANT})",
+    )
+    rig.add_argument(
+        "--config",
+        metavar="YAML",
+        help="ROS parameter file: a learned or extended model in it plays the plant (at the rate at which it was "
+        "learned); else its seal.* is the theory from which the plants depart",
     )
     rig.add_argument("--rate", type=float, default=1000.0, metavar="HZ", help="sample rate (default: %(default)g)")
     rig.add_argument(
@@ -116,16 +125,19 @@ def run(args: argparse.Namespace) -> int:
     if args.out is None:
         raise InputError("--out BAG is missing: name the recording to write")
     output = common.Output(args.json)
-    run_ = simulate(scenario_from(args))
+    config = read_config(args.config) if args.config else Config()
+    scenario = scenario_from(args, config)
+    run_ = simulate(scenario, _identified(args, config, scenario))
+    _warn_outside(config, run_)
     with common.progress("writing", unit="messages") as advance:
         write_recording(args.out, run_, args.storage, advance)
-    summary = summarise(args.out, run_)
+    summary = summarise(args.out, run_, "identified" if config.learned.wavelet_weights else scenario.plant)
     _tell(output, run_, summary)
     output.result(summary)
     return 0
 
 
-def scenario_from(args: argparse.Namespace) -> Scenario:
+def scenario_from(args: argparse.Namespace, config: Config) -> Scenario:
     """Return the scenario that the options describe; InputError or ConfigError where they describe none."""
     temperature = celsius(130.0)
     if args.temperature is not None:
@@ -134,14 +146,42 @@ def scenario_from(args: argparse.Namespace) -> Scenario:
         temperature = celsius(args.temperature_degf)
     return Scenario(
         segments=_segments(args),
-        plant=args.plant,
+        plant=args.plant or _DEFAULT_PLANT,
         rate_hz=args.rate,
         noise=args.noise,
         seed=args.seed,
         effects=tuple(parse_effect(text) for text in args.effect),
         temperature_degC=temperature,
         geometry=Geometry(args.eccentric, args.rod),
+        seal=config.seal,
     )
+
+
+def _identified(args: argparse.Namespace, config: Config, scenario: Scenario) -> Law | None:
+    """Return the model that plays the plant, where the configuration has learned one."""
+    if not config.learned.wavelet_weights:
+        return None
+    if args.plant is not None:
+        raise InputError(
+            f"--plant {args.plant}: {args.config} holds a learned model, which is the plant; leave one out"
+        )
+    for effect in scenario.effects:
+        if effect.stage == "lubrication":
+            raise InputError(
+                f"--effect {effect.name} acts on the oil film, and the model in {args.config} has none; "
+                "use --plant rig or clean"
+            )
+    return IdentifiedPlant(config, scenario.rate_hz)
+
+
+def _warn_outside(config: Config, run_: Simulation) -> None:
+    if not config.learned.wavelet_weights:
+        return
+    low, high = config.basis.velocity_range
+    velocity = run_.samples.velocity_m_s
+    outside = np.count_nonzero((velocity < low) | (velocity > high))
+    if outside:
+        common.warn(f"{outside} samples lie outside basis.velocity_range [{low:g}, {high:g}] m/s: g is held there")
 
 
 def _segments(args: argparse.Namespace) -> tuple[Segment, ...]:
@@ -195,13 +235,13 @@ def _sent(value: Floats | None, every: int) -> Bools:
     return np.asarray(sent)
 
 
-def summarise(bag: str, run_: Simulation) -> dict[str, Any]:
+def summarise(bag: str, run_: Simulation, plant: str) -> dict[str, Any]:
     """Return the JSON of a simulation: what was asked for, and the truth."""
     scenario = run_.scenario
     return {
         "schema": SCHEMA,
         "bag": bag,
-        "plant": scenario.plant,
+        "plant": plant,
         "schedule": scenario.segments,
         "samples": len(run_.samples),
         "sample_rate_hz": scenario.rate_hz,

@@ -141,11 +141,16 @@ class Simulation:
         return Intake(config or Config(), capacity=len(self.samples) + 1).push(*self._events)
 
 
-def simulate(scenario: Scenario) -> Simulation:
+def simulate(scenario: Scenario, law: Law | None = None) -> Simulation:
     """Run the rig.
 
     Order: drive; lubrication effects; the plant's law; effects of friction, mechanics and transmission; sampling
     and noise; effects of the sensor and of the stamps.
+
+    Parameters
+    ----------
+    scenario : what to simulate.
+    law : friction law in place of the plant that the scenario names.
 
     Raises
     ------
@@ -156,7 +161,7 @@ def simulate(scenario: Scenario) -> Simulation:
     >>> len(run.samples), run.samples.sample_rate_hz
     (400, 200.0)
     """
-    clean = clean_trace(scenario, PLANTS[scenario.plant](scenario.seal, scenario.rate_hz))
+    clean = clean_trace(scenario, law or PLANTS[scenario.plant](scenario.seal, scenario.rate_hz))
     recorded = clean.sampled(scenario.every)
     noise = force_noise(recorded.friction_N, scenario.noise, scenario.seed)
     trace, effects = compose(clean, scenario.effects, noise=noise, every=scenario.every, seed=scenario.seed)
