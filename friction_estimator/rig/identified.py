@@ -24,7 +24,7 @@ class IdentifiedPlant:
 
     Raises
     ------
-    ConfigError : nothing was learned, or units are missing.
+    ConfigError : nothing was learned, units are missing, or terms of the configuration have no extension.
     """
 
     def __init__(self, config: Config, rate_hz: float, extension: Extension | None = None) -> None:
@@ -32,6 +32,8 @@ class IdentifiedPlant:
             raise ConfigError("learned.wavelet_weights is empty: only a model that has learned can play the plant")
         if not config.basis.velocity_range:
             raise ConfigError("basis.velocity_range is empty: it belongs to learned values, copy it with them")
+        if config.extension.terms and extension is None:
+            raise ConfigError(f"extension.terms has {', '.join(config.extension.terms)}: their columns are needed too")
         self._config = config
         self._extension = extension
         self._spacing_s = 1.0 / rate_hz
