@@ -178,6 +178,11 @@ class Decoder:
         self._layout: Layout | None = None
         self._stamp, self._value = struct.Struct("<iI"), struct.Struct("<d")
 
+    @property
+    def layout(self) -> Layout | None:
+        """Where the numbers stood in the last message."""
+        return self._layout
+
     def _learn(self, raw: bytes) -> Layout:
         layout = self._extractor.locate(Cursor(raw, ros1=self._ros1), self._want)
         self.frames.add(layout.frame_id)

@@ -14,6 +14,7 @@ from friction_estimator.cli.common import EXIT_CODES, PROGRAM, Parser, guarded
 VERBS: dict[str, tuple[str, str]] = {
     # verb: (module in friction_estimator.cli, what it does)
     "simulate": ("simulate", "the rig simulation writes a recording"),
+    "import": ("import_", "table (CSV, .mat, .npz, .parquet) to recording"),
     "replay": ("replay", "the estimator over a recording, as fast as the machine goes"),
 }
 """Every verb. Its module has `add_parser(subparsers)`, which adds the parser named like the verb, and `run(args)`,
