@@ -15,7 +15,10 @@ VERBS: dict[str, tuple[str, str]] = {
     # verb: (module in friction_estimator.cli, what it does)
     "simulate": ("simulate", "the rig simulation writes a recording"),
     "import": ("import_", "table (CSV, .mat, .npz, .parquet) to recording"),
+    "play": ("play", "publish a recording to the live node"),
     "replay": ("replay", "the estimator over a recording, as fast as the machine goes"),
+    "identify": ("identify", "batch reference fit: the best this structure can do on this record"),
+    "info": ("info", "what a recording holds, and what can be identified from it"),
 }
 """Every verb. Its module has `add_parser(subparsers)`, which adds the parser named like the verb, and `run(args)`,
 which returns the exit code."""

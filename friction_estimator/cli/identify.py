@@ -1,0 +1,162 @@
+"""`identify`: the best that the model structure can do on a recording, and how far each online law stays from it."""
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from friction_estimator.cli import common
+from friction_estimator.cli.recorded import Loaded, add_model_options, load
+from friction_estimator.cli.replay import summarise
+from friction_estimator.core.adaptation import LAWS
+from friction_estimator.core.batch import BatchFit, fit_batch
+from friction_estimator.core.errors import ConfigError, UnanswerableError
+from friction_estimator.core.estimator import Estimator
+from friction_estimator.core.metrics import nrmse
+from friction_estimator.core.replay import Replay, replay
+from friction_estimator.core.sample import Bools
+
+SCHEMA = "friction_estimator/identify/1"
+
+
+def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
+    """Add the verb's parser."""
+    parser = common.add_verb(
+        subparsers,
+        "identify",
+        "batch reference fit: the best this structure can do on this record",
+        description="Fit the model to the whole recording at once (global start by over-parameterised least squares "
+        "and rank-one factorisation, then variable projection from several starts), say how many directions in "
+        "parameter space the recording determines, and compare the online laws (or the one of --law) with it.",
+        example="friction_estimator identify bags/demo --model hammerstein --out out",
+    )
+    parser.add_argument("bag", help="recording: ROS 2 folder, .mcap or .db3 file, or ROS 1 .bag")
+    add_model_options(parser)
+    parser.add_argument(
+        "--freeze-after",
+        type=float,
+        metavar="FRACTION",
+        help="fit this first fraction of the samples only, and score the rest",
+    )
+    parser.add_argument("--fit-only", action="store_true", help="leave the online laws out")
+    parser.add_argument("--out", metavar="DIR", help="write bag/, figures/, report.html, summary.json, config.yaml")
+    common.add_bag_options(parser)
+    common.add_json_option(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    output = common.Output(args.json)
+    loaded = load(args, output, {"model.type": args.model})
+    samples, config = loaded.samples, loaded.config
+    learned = _learned(len(samples), args.freeze_after)
+    begin = time.perf_counter()
+    with common.progress("fitting", len(samples)) as advance:
+        fit = fit_batch(samples, config, use=learned)
+        advance(len(samples))
+    seconds = time.perf_counter() - begin
+    result = _as_replay(loaded, fit, learned, seconds)
+    summary = summarise(loaded, result, SCHEMA) | {"law": "batch", **_identifiability(fit)}
+    if not args.fit_only:
+        summary["online"] = _online(loaded, fit, [args.law] if args.law else list(LAWS), args.freeze_after)
+    _tell(output, summary)
+    if args.out:
+        from friction_estimator.cli.results import write_results  # noqa: PLC0415 - drawing is loaded where asked for
+
+        write_results(Path(args.out), loaded.recording, result, summary)
+        output.say(f"{'written':<14}{args.out}: bag/, figures/, report.html, summary.json, config.yaml")
+    output.result(summary)
+    return 0
+
+
+def _learned(n: int, freeze_after: float | None) -> Bools:
+    """Return which of n samples are fitted, (n,)."""
+    if n < 2:
+        raise UnanswerableError(f"{n} usable samples: at least two are needed")
+    if freeze_after is not None and not 0.0 < freeze_after <= 1.0:
+        raise ConfigError(f"freeze-after is {freeze_after:g}: give the fraction of the record to fit, above 0 to 1")
+    return np.arange(n) < (n if freeze_after is None else max(1, round(freeze_after * n)))
+
+
+def _as_replay(loaded: Loaded, fit: BatchFit, learned: Bools, seconds: float) -> Replay:
+    """Return the fit as a replay whose parameters never change: both are then scored and written alike."""
+    estimator = Estimator(loaded.config)
+    estimator.parameters = fit.parameters
+    parallel = loaded.config.model.type == "parallel"
+    stamps = loaded.samples.stamp_ns[[0, -1]]
+    return Replay(
+        config=loaded.config,
+        samples=loaded.samples,
+        predicted_N=fit.predicted_N,
+        theory_N=estimator.model.theoretical_friction(loaded.samples) if parallel else None,
+        learned=learned,
+        snapshot_stamp_ns=[int(stamp) for stamp in stamps],
+        snapshots=[fit.parameters, fit.parameters],
+        health=estimator.health,
+        seconds=seconds,
+        estimator=estimator,
+    )
+
+
+def _identifiability(fit: BatchFit) -> dict[str, Any]:
+    """Return rank, spectrum and standard errors, in the units of `parameters`."""
+    errors = fit.model.split(np.sqrt(np.maximum(np.diag(fit.covariance), 0.0)))
+    return {
+        "identifiable_rank": fit.identifiable_rank,
+        "parameter_count": fit.model.size,
+        "singular_values": fit.singular_values,
+        "singular_value_threshold": fit.threshold,
+        "residual_rms_N": fit.residual_rms_N,
+        "start_costs": fit.start_costs,
+        "standard_errors": {
+            "fir_taps": errors.fir_taps,
+            "theory_taps": errors.theory_taps if errors.theory_taps.size else None,
+            "wavelet_weights": errors.wavelet_weights,
+        },
+    }
+
+
+def _online(loaded: Loaded, fit: BatchFit, laws: list[str], freeze_after: float | None) -> dict[str, dict[str, float]]:
+    """Return for each law its a priori error, and that error over the batch fit's on the same samples."""
+    samples = loaded.samples
+    last = slice(len(samples) - max(2, len(samples) // 5), None)
+    rows = {}
+    with common.progress("online laws", len(laws) * len(samples)) as advance:
+        for law in laws:
+            config = loaded.config.updated({"model.law": law})
+            predicted = replay(samples, config, freeze_after=freeze_after, advance=advance).predicted_N
+            whole, end = (
+                [nrmse(samples.friction_N[part], guess[part]) for guess in (predicted, fit.predicted_N)]
+                for part in (slice(None), last)
+            )
+            rows[law] = {
+                "nrmse": whole[0],
+                "nrmse_final": end[0],
+                "excess": whole[0] / whole[1] if whole[1] > 0.0 else float("nan"),
+                "excess_final": end[0] / end[1] if end[1] > 0.0 else float("nan"),
+            }
+    return rows
+
+
+def _tell(output: common.Output, summary: dict[str, Any]) -> None:
+    figures = [
+        ("nrmse", summary["nrmse"], "error of the batch fit over the std of friction, whole record"),
+        ("frozen", summary["nrmse_frozen"], "over what was not fitted, after --freeze-after"),
+        ("persistence", summary["nrmse_persistence"], "the guess f[k-1], to read the others beside"),
+        ("theory", summary["theory_nrmse"], "the theoretical curve alone"),
+    ]
+    for name, value, meaning in figures:
+        if value is not None:
+            output.say(f"{name:<14}{value:.4f}  {meaning}")
+    largest, threshold = summary["singular_values"][0], summary["singular_value_threshold"]
+    output.say(
+        f"{'identifiable':<14}{summary['identifiable_rank']} of {summary['parameter_count']} directions "
+        f"(singular values from {largest:.2g} down to the threshold {threshold:.2g})"
+    )
+    for law, row in summary.get("online", {}).items():
+        output.say(
+            f"{law:<14}{row['nrmse_final']:.4f}  over the last fifth, {row['excess_final']:.3f} times the batch fit; "
+            f"{row['excess']:.3f} times over the whole record"
+        )
