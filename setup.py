@@ -27,7 +27,7 @@ setup(
         "console_scripts": [
             f"friction_estimator = {PACKAGE}.cli.main:main",
             f"estimator_node = {PACKAGE}.ros.node:main",
-            f"player = {PACKAGE}.ros.player:main",
+            f"player = {PACKAGE}.cli.play:main",
         ],
     },
 )

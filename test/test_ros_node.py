@@ -153,6 +153,25 @@ def diagnostics(graph, wanted, name="/friction_estimator"):
         graph.probe.destroy_subscription(subscription)
 
 
+def test_a_lost_unstamped_velocity_costs_one_sample():
+    from friction_estimator.ros.receipt import ReceiptPairing
+
+    for first, second in ((0, 1), (1, 0)):  # which topic comes first
+        pairing = ReceiptPairing()
+        pairs = []
+        for k in range(40):
+            events = [(k * 1000 + first, "v"), (k * 1000 + second, "f")]
+            for now, stream in sorted(events):
+                if stream == "v" and k != 20:
+                    pairs.append(pairing.velocity(10**9 + now, float(k)))
+                elif stream == "f":
+                    pairs.append(pairing.friction(10**9 + now, float(k)))
+        joined = [(v, f) for _, v, f in (pair for pair in pairs if pair)]
+        assert joined[-15:] == [(float(k), float(k)) for k in range(25, 40)]
+        assert len(joined) >= 38
+        assert pairing.dropped <= 1
+
+
 def test_services(graph):
     graph.start_node({"state.file": str(graph.folder / "state.json")})
     feeder, heard = connected(graph)

@@ -6,7 +6,7 @@ that of `Intake.push` and `Estimator.run` bit for bit, which a test asserts; wha
 samples at once, extension terms, a curve other than the seal's) goes through those two.
 """
 
-import math
+from math import isfinite
 
 import numpy as np
 
@@ -66,7 +66,6 @@ class LiveStep(Events):
         self._learn, self._predicted = np.zeros(1, np.bool_), np.zeros(1)
         self._pressure, self._temperature = np.zeros(1), np.zeros(1)
         self._theory, self._target = np.zeros(1), np.zeros(1)
-        self._no_extension = np.zeros((1, 0))
         pairer, sequencer = intake.pairer, intake.sequencer
         self._pairing = (
             pairer._slop_ns,
@@ -93,13 +92,14 @@ class LiveStep(Events):
             self._restart,
         )
         model = estimator.model
-        self._basis, self._curve = model.basis, model.theory
-        self._usual = model.extension is None and isinstance(self._curve, SealCurve | None)
-        if not isinstance(self._basis, WaveletBasis):
-            self._usual = False
+        basis, curve = model.basis, model.theory
+        self._usual = (
+            model.extension is None and isinstance(basis, WaveletBasis) and isinstance(curve, SealCurve | None)
+        )
+        if not isinstance(basis, WaveletBasis):
             return
-        basis = self._basis
-        self._index, self._row = np.zeros((1, basis.width), np.int32), np.zeros((1, basis.width))
+        index, row = np.zeros((1, basis.width), np.int32), np.zeros((1, basis.width))
+        self._low, self._high = basis.low, basis.high
         self._rows = (
             self._velocity,
             basis.unit,
@@ -111,9 +111,26 @@ class LiveStep(Events):
             basis._first,
             basis._kind,
             basis._table,
-            self._index,
-            self._row,
+            index,
+            row,
         )
+        self._seal = (
+            (self._velocity, self._pressure, self._temperature, curve._par, curve._counts, self._theory)
+            if isinstance(curve, SealCurve)
+            else ()
+        )
+        self._inputs = (
+            estimator._law_number,
+            index,
+            row,
+            self._theory,
+            np.zeros((1, 0)),
+            self._target,
+            self._restart,
+            self._learn,
+            self._predicted,
+        )
+        self._refresh()
 
     def run(self, count: int, *, learn: bool) -> list[Prediction]:
         """Take the first `count` events of `stream`, `stamp_ns`, `value`, in order of arrival.
@@ -125,52 +142,42 @@ class LiveStep(Events):
         joined = _pair(*self._events[count], *self._pairing)
         if joined == 1 and self._usual:
             _admit(*self._admission)
-            return [self._step(learn)] if self._status[0] == USED else []
+            return [self._step(learn)] if self._status.item() == USED else []
         return self._several(joined, learn) if joined else []
+
+    def _refresh(self) -> None:
+        """Take over what may have been exchanged since the last sample: the work space (restore), settings (retune)."""
+        estimator = self.estimator
+        config = estimator.config
+        self._work, self._config = estimator._work, config
+        self._arrays = self._work.arrays()
+        self._unit, self._sign = config.force_unit, self.intake._sign
+        theory = config.theory
+        self._ambient, self._default_pressure = theory.ambient_pressure, theory.default_pressure
+        self._default_temperature = theory.default_temperature
 
     def _step(self, learn: bool) -> Prediction:
         """Predict and learn from the one sample in the arrays."""
-        estimator, basis = self.estimator, self._basis
-        config = estimator.config
-        unit = config.force_unit
-        velocity = float(self._velocity[0])
-        friction = self.intake._sign * float(self._friction[0])
+        estimator = self.estimator
+        if estimator._work is not self._work or estimator.config is not self._config:
+            self._refresh()
+        unit = self._unit
+        velocity = self._velocity.item()
+        friction = self._sign * self._friction.item()
         _wavelet_rows(*self._rows)
-        if self._curve is not None:
-            theory = config.theory
-            pressure, temperature = float(self._held[0, 0]), float(self._held[0, 1])
-            known = math.isfinite(pressure)
-            self._pressure[0] = pressure - theory.ambient_pressure if known else theory.default_pressure
-            self._temperature[0] = temperature if math.isfinite(temperature) else theory.default_temperature
-            _seal_loop(
-                self._velocity,
-                self._pressure,
-                self._temperature,
-                self._curve._par,  # type: ignore[attr-defined]
-                self._curve._counts,  # type: ignore[attr-defined]
-                self._theory,
-            )
-            self._theory[0] *= self.estimator.model.theory_scale
+        if self._seal:
+            pressure, temperature, _ = self._held[0].tolist()
+            self._pressure[0] = pressure - self._ambient if isfinite(pressure) else self._default_pressure
+            self._temperature[0] = temperature if isfinite(temperature) else self._default_temperature
+            _seal_loop(*self._seal)
             self._theory[0] /= unit
         self._target[0] = friction / unit
-        work = estimator._work
-        inside = basis.low <= velocity <= basis.high  # type: ignore[attr-defined]
+        inside = self._low <= velocity <= self._high
         if not inside:
-            work.status[kernels.OUTSIDE] += 1
+            self._work.status[kernels.OUTSIDE] += 1
         self._learn[0] = learn and inside
-        kernels.run(
-            estimator._law_number,
-            self._index,
-            self._row,
-            self._theory,
-            self._no_extension,
-            self._target,
-            self._restart,
-            self._learn,
-            self._predicted,
-            *work.arrays(),
-        )
-        return int(self._stamp[0]), velocity, friction, float(self._predicted[0]) * unit
+        kernels.run(*self._inputs, *self._arrays)
+        return int(self._stamp.item()), velocity, friction, self._predicted.item() * unit
 
     def _several(self, joined: int, learn: bool) -> list[Prediction]:
         """Take the way of replay."""

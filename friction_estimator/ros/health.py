@@ -68,12 +68,11 @@ class Health:
         if enabled and now - self._since > GRACE_S:
             findings = list(explain(self._node, config, sources, arrived, rejects, samples))
             findings += self._clock_findings()
-        for source in sources.values():
-            source.looked_at()
+        ages = {name: source.looked_at() for name, source in sources.items()}
         self._findings.update(findings)
 
         rates = {name: count / span for name, count in arrived.items()}
-        inputs = self._input_values(sources, rates)
+        inputs = self._input_values(sources, rates, ages)
         inputs |= {f"rejected: {reason}": count for reason, count in sorted(counts.items())}
         inputs |= {"gaps": gaps, "clock jumps back": jumps}
         inputs |= {"waiting velocity, friction": f"{stream.intake.pairer.waiting}"}
@@ -150,7 +149,9 @@ class Health:
         self._counts[key] = count
         return max(0, growth)
 
-    def _input_values(self, sources: Mapping[str, Source], rates: Mapping[str, float]) -> dict[str, Any]:
+    def _input_values(
+        self, sources: Mapping[str, Source], rates: Mapping[str, float], ages: Mapping[str, float]
+    ) -> dict[str, Any]:
         values: dict[str, Any] = {}
         now_ns = self._node.get_clock().now().nanoseconds
         for name, source in sources.items():
@@ -161,7 +162,7 @@ class Health:
             values[f"{name}: rate (Hz)"] = f"{rates[name]:.1f}"
             if source.messages:
                 values[f"{name}: age by stamp (s)"] = f"{(now_ns - source.last_stamp_ns) / NS_PER_S:.3f}"
-                values[f"{name}: age by arrival (s)"] = f"{time.monotonic() - source.last_arrival:.3f}"
+                values[f"{name}: age by arrival (s)"] = f"{ages[name]:.1f}"
         return values
 
     def _clock_findings(self) -> list[Finding]:

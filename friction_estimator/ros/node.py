@@ -79,13 +79,16 @@ def _run(arguments: list[str], signals: StopSignals) -> int:
 def spin(node: Any, signals: StopSignals) -> None:
     """Serve the node until a signal arrives."""
     from rclpy.experimental import EventsExecutor  # noqa: PLC0415
+    from rclpy.task import Future  # noqa: PLC0415
 
     executor = EventsExecutor()
     executor.add_node(node)
+    # Waiting for a future that never comes serves many events in one call; without a time limit it would hang.
+    never = Future()
     while not signals.stopping:
         try:
-            executor.spin_once(timeout_sec=SPIN_S)
-        except Exception as error:
+            executor.spin_until_future_complete(never, timeout_sec=SPIN_S)
+        except Exception as error:  # rclpy's own callbacks (parameter services) may raise
             node.health.exception("callback", error)
     executor.remove_node(node)
     executor.shutdown()

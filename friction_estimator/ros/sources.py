@@ -4,7 +4,9 @@ Messages are taken as bytes and read by the decoder that replay uses, which chec
 """
 
 import time
+from collections import deque
 from collections.abc import Callable
+from struct import Struct
 from typing import Any
 
 from geometry_msgs.msg import TwistStamped, WrenchStamped
@@ -18,6 +20,8 @@ from std_msgs.msg import Float64
 from friction_estimator.bag.messages import EXTRACTORS, Decoder, LayoutError, NoValueError, Want
 from friction_estimator.core.config import InputConfig
 from friction_estimator.core.pairing import FRICTION, STREAMS, VELOCITY
+from friction_estimator.core.sample import NS_PER_S
+from friction_estimator.ros.receipt import ReceiptPairing
 from friction_estimator.ros.wire import NO_FRAME, frame_in
 
 Deliver = Callable[[int, int, float], None]
@@ -28,6 +32,8 @@ REMEMBERED = 64
 
 FRAME_FORGOTTEN_S = 60.0
 """A frame that differs from the first one this long is taken for the new usual one."""
+
+_NOTHING = Struct("<iId")
 
 
 def input_qos() -> QoSProfile:
@@ -55,8 +61,7 @@ class Source:
     ----------
     messages : messages received.
     rejected : messages that held no sample, by reason.
-    last_stamp_ns, last_arrival : of the last message read; arrival by the monotonic clock, s.
-    stamps : the last stamps, in no order.
+    stamps : of the last messages, ns.
     frame : serialised frame_id of the last message; `first_frame` of the first.
     absence : why the last message without a sample held none.
     """
@@ -67,8 +72,8 @@ class Source:
         self.name, self.kind, self.required = name, kind, required
         self.messages = 0
         self.rejected: dict[str, int] = {}
-        self.last_stamp_ns, self.last_arrival = 0, 0.0
-        self.stamps: list[int] = []
+        self.stamps: deque[int] = deque(maxlen=REMEMBERED)
+        self._heard, self._heard_at = 0, 0.0
         self.frame = self.first_frame = b""
         self.absence = ""
         self._looked: dict[str, int] = {}
@@ -108,8 +113,14 @@ class Source:
         """Return the messages rejected since `looked_at`, by reason."""
         return {reason: count - self._looked.get(reason, 0) for reason, count in self.rejected.items()}
 
-    def looked_at(self) -> None:
-        """Begin a new count of late rejections; a changed frame becomes the expected one after a minute."""
+    def looked_at(self) -> float:
+        """Begin a new count of late rejections; return the time since messages came, in looks once a second, s.
+
+        A changed frame becomes the expected one after a minute.
+        """
+        now = time.monotonic()
+        if self.messages != self._heard:
+            self._heard, self._heard_at = self.messages, now
         self._looked = dict(self.rejected)
         if self.frame == self.first_frame:
             self._frame_changed = 0.0
@@ -117,18 +128,17 @@ class Source:
             self._frame_changed = time.monotonic()
         elif time.monotonic() - self._frame_changed > FRAME_FORGOTTEN_S:
             self.first_frame = self.frame
+        return now - self._heard_at
 
-    def note(self, stamp_ns: int, frame: bytes) -> None:
-        """Remember what the diagnostics ask for."""
-        self.last_stamp_ns = stamp_ns
-        self.last_arrival = time.monotonic()
-        if len(self.stamps) < REMEMBERED:
-            self.stamps.append(stamp_ns)
-        else:
-            self.stamps[self.messages % REMEMBERED] = stamp_ns
-        if frame != self.frame:
-            self.first_frame = self.first_frame or frame
-            self.frame = frame
+    @property
+    def last_stamp_ns(self) -> int:
+        """Stamp of the last message read, ns."""
+        return self.stamps[-1] if self.stamps else 0
+
+    def seen(self, frame: bytes) -> None:
+        """Remember the frame of the last message."""
+        self.first_frame = self.first_frame or frame
+        self.frame = frame
 
     def _guarded(self, callback: Callable[[bytes], None]) -> Callable[[bytes], None]:
         """Return the callback in a form that counts and survives whatever a message provokes."""
@@ -191,61 +201,84 @@ class Inputs:
         self.sources[name] = source
         return source
 
-    def _decoder(self, kind: type, quantity: str) -> Callable[[bytes], tuple[int | None, float]]:
+    def _decoder(self, kind: type, quantity: str) -> Decoder:
         want = Want(quantity, self._config.axis, self._config.joint)
-        return Decoder(EXTRACTORS[type_name(kind)], want).one
+        return Decoder(EXTRACTORS[type_name(kind)], want)
 
     def _stamped(self, name: str, kind: type, *, required: bool = False) -> None:
         source = self._source(name, kind, required=required)
-        read, deliver, stream = self._decoder(kind, name), self._deliver, STREAMS.index(name)
+        decoder, deliver, stream = self._decoder(kind, name), self._deliver, STREAMS.index(name)
+        remember = source.stamps.append
+        # The usual message has the length and the frame of the one before: two comparisons and one unpacking.
+        length, head, frame_end, unpack = -1, b"", 0, _NOTHING.unpack_from
 
         def receive(raw: bytes) -> None:
-            stamp_ns, value = read(raw)
-            frame = frame_in(raw)
-            source.note(stamp_ns, frame)  # type: ignore[arg-type]
+            nonlocal length, head, frame_end, unpack
+            if len(raw) == length and raw[12:frame_end] == source.frame and raw[:2] == head:
+                seconds, nanoseconds, value = unpack(raw, 4)
+                stamp_ns = seconds * NS_PER_S + nanoseconds
+            else:
+                stamp, value = decoder.one(raw)
+                stamp_ns = stamp or 0
+                source.seen(frame_in(raw))
+                layout = decoder.layout
+                if (
+                    layout is not None
+                    and layout.order == "<"
+                    and layout.value_at is not None
+                    and kind is not JointState
+                ):
+                    length, head, frame_end = len(raw), raw[:2], 12 + len(source.frame)
+                    unpack = Struct(f"<iI{layout.value_at - 12}xd").unpack_from
             if stream == FRICTION:
-                self.frame = frame
-            deliver(stream, stamp_ns, value)  # type: ignore[arg-type]
+                self.frame = source.frame
+            remember(stamp_ns)
+            deliver(stream, stamp_ns, value)
 
         source.subscribe(receive)
 
     def _joint_states(self) -> None:
         source = self._source("joint_states", JointState, required=True)
-        read_velocity = self._decoder(JointState, "velocity")
-        read_effort = self._decoder(JointState, "friction")
-        deliver = self._deliver
+        read_velocity = self._decoder(JointState, "velocity").one
+        read_effort = self._decoder(JointState, "friction").one
+        deliver, remember = self._deliver, source.stamps.append
 
         def receive(raw: bytes) -> None:
             stamp_ns, velocity = read_velocity(raw)
             _, effort = read_effort(raw)
-            self.frame = frame_in(raw)
-            source.note(stamp_ns, self.frame)  # type: ignore[arg-type]
+            frame = frame_in(raw)
+            if frame != source.frame:
+                source.seen(frame)
+                self.frame = frame
+            remember(stamp_ns)  # type: ignore[arg-type]
             deliver(VELOCITY, stamp_ns, velocity)  # type: ignore[arg-type]
             deliver(FRICTION, stamp_ns, effort)  # type: ignore[arg-type]
 
         source.subscribe(receive)
 
     def _float64(self) -> None:
-        """Pair a friction value with the newest velocity value, at the time of receipt."""
+        """Pair by time of receipt; see `ReceiptPairing`."""
         velocity_source = self._source("velocity", Float64, required=True)
         friction_source = self._source("friction", Float64, required=True)
-        read = self._decoder(Float64, "velocity")
-        fresh: list[float] = []
-        deliver = self._deliver
+        read = self._decoder(Float64, "velocity").one
+        pairing = ReceiptPairing()
+
+        def deliver(pair: tuple[int, float, float] | None) -> None:
+            if pair is not None:
+                stamp_ns, velocity, friction = pair
+                self._deliver(VELOCITY, stamp_ns, velocity)
+                self._deliver(FRICTION, stamp_ns, friction)
 
         def receive_velocity(raw: bytes) -> None:
             _, value = read(raw)
-            velocity_source.note(time.time_ns(), NO_FRAME)
-            fresh[:] = [value]
+            velocity_source.stamps.append(time.time_ns())
+            deliver(pairing.velocity(velocity_source.stamps[-1], value))
 
         def receive_friction(raw: bytes) -> None:
             _, value = read(raw)
-            stamp_ns = time.time_ns()
-            friction_source.note(stamp_ns, NO_FRAME)
-            if fresh:
-                deliver(VELOCITY, stamp_ns, fresh.pop())
-                deliver(FRICTION, stamp_ns, value)
-            else:
+            friction_source.stamps.append(time.time_ns())
+            deliver(pairing.friction(friction_source.stamps[-1], value))
+            if pairing.dropped > friction_source.rejected.get("unmatched", 0):
                 friction_source.reject("unmatched")
 
         velocity_source.subscribe(receive_velocity)

@@ -1,0 +1,222 @@
+"""Publish a recording, where `ros2 bag play` is not installed, without losing a message at either end.
+
+Messages go out as the bytes that were recorded, reliably. The first one waits until every subscriber that the graph
+knows of is matched, the last one until all subscribers have acknowledged everything.
+"""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
+from types import TracebackType
+
+import rclpy
+from rclpy.duration import Duration
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from rosgraph_msgs.msg import Clock
+
+from friction_estimator.bag.source import Source, Topic
+from friction_estimator.core.errors import InputError, UnanswerableError
+from friction_estimator.core.sample import NS_PER_S
+
+DEPTH = 10_000
+"""Messages kept a topic until they are acknowledged."""
+
+SETTLED_S = 0.5
+"""Subscribers count as complete when none was added for so long."""
+
+ACKNOWLEDGE_S = 30.0
+
+
+@dataclass(frozen=True)
+class Playback:
+    """How to play.
+
+    Attributes
+    ----------
+    rate : speed; 2 is twice as fast as recorded.
+    start_offset_s, duration_s : part of the recording, in its own time; None plays to the end.
+    loop : begin again at the end, until stopped.
+    clock_hz : rate of /clock (the recording's time); 0: none.
+    remap : new name by recorded topic name.
+    topics : topics to play; empty: all.
+    wait_s : longest wait for subscribers; 0 plays to nobody too.
+    """
+
+    rate: float = 1.0
+    start_offset_s: float = 0.0
+    duration_s: float | None = None
+    loop: bool = False
+    clock_hz: float = 0.0
+    remap: Mapping[str, str] = field(default_factory=dict)
+    topics: Sequence[str] = ()
+    wait_s: float = 30.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.rate <= 1e6:
+            raise InputError(f"--rate {self.rate:g}: give a speed above 0")
+        if self.start_offset_s < 0.0 or (self.duration_s is not None and self.duration_s <= 0.0):
+            raise InputError("--start-offset must not be negative, and --duration must be above 0")
+        if not 0.0 <= self.clock_hz <= 1e4 or self.wait_s < 0.0:
+            raise InputError("--clock takes 0 to 10000 Hz, and --wait no negative time")
+
+
+class Player:
+    """Plays one recording on the ROS graph (context manager).
+
+    Parameters
+    ----------
+    source : the open recording.
+    playback : how.
+    say : takes lines for the user.
+    ros_arguments : handed to rclpy (`--ros-args ...`).
+
+    Raises
+    ------
+    InputError : a ROS 1 recording, an unknown topic, an offset beyond the end.
+    UnanswerableError : no topic of a type that is installed here.
+    """
+
+    def __init__(
+        self, source: Source, playback: Playback, say: Callable[[str], None], ros_arguments: Sequence[str] = ()
+    ) -> None:
+        if source.ros1:
+            raise InputError(
+                f"{source.path} is a ROS 1 recording; convert it first: rosbags-convert --src ... --dst ..."
+            )
+        self._source, self._playback, self._say = source, playback, say
+        first, last = source.span_ns
+        self._start_ns = first + round(playback.start_offset_s * NS_PER_S)
+        if self._start_ns >= last:
+            raise InputError(
+                f"--start-offset {playback.start_offset_s:g}: {source.path} ends after {(last - first) / 1e9:.3f} s"
+            )
+        self._end_ns = last
+        if playback.duration_s is not None:
+            self._end_ns = min(last, self._start_ns + round(playback.duration_s * NS_PER_S))
+        kinds = self._kinds()
+        self._context = rclpy.Context()
+        rclpy.init(
+            args=["player", *ros_arguments], context=self._context, signal_handler_options=SignalHandlerOptions.NO
+        )
+        self._node = rclpy.create_node("player", context=self._context)
+        qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
+        self._publishers: dict[str, Publisher] = {
+            name: self._node.create_publisher(kind, playback.remap.get(name, name), qos) for name, kind in kinds.items()
+        }
+        self._clock = self._node.create_publisher(Clock, "/clock", qos) if playback.clock_hz else None
+
+    def __enter__(self) -> "Player":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def _kinds(self) -> dict[str, type]:
+        """Return the message class of each topic to play."""
+        chosen = self._chosen()
+        kinds = {}
+        for topic in chosen:
+            package, _, name = topic.message_type.partition("/msg/")
+            try:
+                kinds[topic.name] = getattr(import_module(f"{package}.msg"), name)
+            except (ImportError, AttributeError, ValueError):
+                self._say(f"passed over: {topic}: its message type is not installed")
+        if not kinds:
+            raise UnanswerableError(f"{self._source.path} holds no topic of a message type that is installed here")
+        return kinds
+
+    def _chosen(self) -> list[Topic]:
+        topics = {topic.name: topic for topic in self._source.topics}
+        for name in (*self._playback.topics, *self._playback.remap):
+            if name not in topics:
+                raise InputError(f"{self._source.path} has no topic {name}: it has {', '.join(topics) or 'none'}")
+        return [topics[name] for name in self._playback.topics or topics]
+
+    def run(self) -> int:
+        """Play; return the number of messages published."""
+        self._await_subscribers()
+        count = 0
+        try:
+            while True:
+                count += self._once()
+                if not self._playback.loop:
+                    return count
+        finally:
+            self._await_acknowledgement(count)
+
+    def _once(self) -> int:
+        rate = self._playback.rate
+        anchor_ns, begin = self._start_ns, time.perf_counter()
+
+        def wait_until(stamp_ns: int) -> None:
+            due = begin + (stamp_ns - anchor_ns) / (NS_PER_S * rate)
+            while (left := due - time.perf_counter()) > 0.0:
+                time.sleep(left)
+
+        tick_ns = round(NS_PER_S * rate / self._playback.clock_hz) if self._clock is not None else 0
+        next_tick_ns, count = anchor_ns, 0
+
+        def tell_time(until_ns: int) -> None:
+            nonlocal next_tick_ns
+            while self._clock is not None and next_tick_ns <= until_ns:
+                wait_until(next_tick_ns)
+                message = Clock()
+                message.clock.sec, message.clock.nanosec = divmod(next_tick_ns, NS_PER_S)
+                self._clock.publish(message)
+                next_tick_ns += tick_ns
+
+        for topic, log_time_ns, raw in self._source.messages(self._publishers, self._start_ns):
+            if log_time_ns >= self._end_ns:
+                break
+            tell_time(log_time_ns)
+            wait_until(log_time_ns)
+            self._publishers[topic].publish(raw)
+            count += 1
+        tell_time(self._end_ns - 1)
+        return count
+
+    def _await_subscribers(self) -> None:
+        """Wait until all subscribers that the graph knows of are matched, and no more appear."""
+        wait_s = self._playback.wait_s
+        deadline = time.monotonic() + wait_s
+        publishers = [*self._publishers.values(), *([self._clock] if self._clock is not None else [])]
+        told = False
+        known: list[int] = []
+        since = time.monotonic()
+        while True:
+            matched = [publisher.get_subscription_count() for publisher in publishers]
+            wanted = [self._node.count_subscribers(publisher.topic_name) for publisher in publishers]
+            now = time.monotonic()
+            if matched != known:
+                known, since = matched, now
+            complete = any(matched) and all(m >= w for m, w in zip(matched, wanted, strict=True))
+            if complete and now - since >= SETTLED_S:
+                return
+            if now >= deadline:
+                break
+            if not told and now - since > 1.0:
+                self._say("waiting for subscribers")
+                told = True
+            time.sleep(0.01)
+        if wait_s and not any(matched):
+            names = ", ".join(publisher.topic_name for publisher in publishers)
+            raise UnanswerableError(
+                f"nobody subscribed to {names} within {wait_s:g} s; start the node first, or use --remap, or --wait 0"
+            )
+        for publisher, m, w in zip(publishers, matched, wanted, strict=True):
+            if wait_s and m < w:
+                self._say(f"{publisher.topic_name}: only {m} of {w} subscribers are matched; is their QoS compatible?")
+
+    def _await_acknowledgement(self, count: int) -> None:
+        limit = time.monotonic() + ACKNOWLEDGE_S
+        for name, publisher in self._publishers.items():
+            left = max(0.0, limit - time.monotonic())
+            if not publisher.wait_for_all_acked(Duration(seconds=left)):
+                self._say(f"{name}: not every subscriber acknowledged all messages within {ACKNOWLEDGE_S:g} s")
+        self._say(f"played {count} messages")
