@@ -1,0 +1,201 @@
+"""`friction_estimator info`: what a recording holds, and what can and cannot be identified from it."""
+
+import argparse
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from friction_estimator.cli import common
+from friction_estimator.core.errors import FrictionEstimatorError, UnanswerableError
+
+if TYPE_CHECKING:
+    from friction_estimator.bag.read import Recording, Stream
+    from friction_estimator.bag.samples import Admitted
+    from friction_estimator.bag.source import Topic
+    from friction_estimator.bag.statistics import StreamStatistics
+    from friction_estimator.core.config import Config
+
+SCHEMA = "friction_estimator/info/1"
+
+UNITS = {"velocity": "m/s", "friction": "N", "pressure": "Pa", "temperature": "degC", "position": "m"}
+
+_CHANNELS = {
+    "pressure": "pressure_dependence, and the theoretical curve at the true pressure",
+    "temperature": "the oil's viscosity: viscosity_drift is told from time only",
+    "position": "position_dependence from a measured position; the integral of velocity stands in for it",
+}
+
+
+def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
+    """Add the verb's options."""
+    parser = common.add_verb(
+        subparsers,
+        "info",
+        "what a recording holds, and what can be identified from it",
+        description="Say what a recording holds: topics, rates, gaps, stamps, ranges, samples that can be paired, and "
+        "what can\nand cannot be identified from it. Exit code 1 where it holds no usable sample.",
+        example="friction_estimator info bags/rig --json -",
+    )
+    parser.add_argument("bag", metavar="BAG", help="recording: ROS 2 folder, .mcap or .db3 file, or ROS 1 .bag")
+    common.add_bag_options(parser)
+    common.add_json_option(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print what is known; the failure that ends the inspection comes last."""
+    from friction_estimator.bag.read import read_recording  # noqa: PLC0415 - `--help` needs none of them
+    from friction_estimator.bag.samples import to_samples  # noqa: PLC0415
+    from friction_estimator.bag.source import Source  # noqa: PLC0415
+    from friction_estimator.bag.statistics import describe  # noqa: PLC0415
+
+    output = common.Output(args.json)
+    config = common.config_from(args)
+    with Source(args.bag) as source:
+        topics = source.topics
+    result: dict[str, Any] = {"schema": SCHEMA, "bag": args.bag, "topics": [], "inputs": {}, "problem": None}
+    inputs: dict[str, list[str]] = {}
+    recording: Recording | None = None
+    failure: FrictionEstimatorError | None = None
+    try:
+        with common.progress("reading", unit="messages") as advance:
+            recording = read_recording(args.bag, config.input, common.topics_from(args), advance)
+        for name, stream in recording.streams.items():
+            inputs.setdefault(stream.topic, []).append(name)
+            result["inputs"][name] = _input(name, stream, describe(stream, config.sync))
+        result["notes"] = list(recording.notes)
+    except FrictionEstimatorError as error:
+        failure = error
+    result["topics"] = [_topic(topic, inputs.get(topic.name, [])) for topic in topics]
+    if recording is not None:
+        try:
+            admitted = to_samples(recording, config)
+            result["pairing"] = _pairing(admitted)
+            result["excitation"], result["can"], result["cannot"] = _assess(admitted, config)
+        except UnanswerableError as error:
+            failure = error
+    result["problem"] = None if failure is None else " ".join(str(failure).split())
+    _tell(output, result)
+    output.result(result)
+    if failure is not None:
+        raise failure
+    return 0
+
+
+def _topic(topic: "Topic", inputs: list[str]) -> dict[str, Any]:
+    return {"name": topic.name, "type": topic.message_type, "messages": topic.count, "inputs": inputs}
+
+
+def _input(name: str, stream: "Stream", figures: "StreamStatistics") -> dict[str, Any]:
+    about = {"topic": stream.topic, "type": stream.message_type, "unit": UNITS[name], "stamped": stream.stamped}
+    return about | {"frame_id": stream.frame_id, "joint": stream.joint} | asdict(figures)
+
+
+def _pairing(admitted: "Admitted") -> dict[str, Any]:
+    return {
+        "read": admitted.read,
+        "used": len(admitted.samples),
+        "rejected": dict(admitted.rejected),
+        "gaps": admitted.gaps,
+        "clock_jumps": admitted.jumps,
+        "sample_rate_hz": admitted.samples.sample_rate_hz,
+        "duration_s": float(admitted.samples.time_s[-1]),
+    }
+
+
+def _assess(admitted: "Admitted", config: "Config") -> tuple[dict[str, Any] | None, list[str], list[str]]:
+    """Return the facts about the drive, and what can and cannot be identified, in words."""
+    from friction_estimator.diagnosis.excitation import assess  # noqa: PLC0415
+    from friction_estimator.diagnosis.record import build_record  # noqa: PLC0415
+
+    samples = admitted.samples
+    can: list[str] = []
+    cannot = [
+        f"{what} (no {name} channel)" for name, what in _CHANNELS.items() if getattr(samples, _FIELDS[name]) is None
+    ]
+    try:
+        record = build_record([samples], config)
+    except UnanswerableError as error:
+        return None, can, [str(error), *cannot]
+    top_N = float(abs(samples.friction_N).max())
+    context = record.context(config, top_N)
+    found = assess(record, context)
+    low, high = found.velocity_range
+    cannot = [*found.warnings, *cannot]
+    if found.reversals == 0:
+        cannot.insert(0, "friction in both directions: the shaft moves in one direction only")
+    elif not any("identify the curve" in warning for warning in found.warnings):
+        can.append(f"the friction curve F(v) from {low:.4g} to {high:.4g} m/s")
+        can.append(f"what follows a reversal: {found.reversals} of them were recorded")
+    if not context.periods_s and found.reversals:
+        can.append("what differs between drive periods: the drive is not periodic")
+    if not found.undecidable:
+        can.append("a diagnosis (`friction_estimator diagnose`)")
+    facts = {
+        "velocity_range": [low, high],
+        "reversals": found.reversals,
+        "cycles": found.cycles,
+        "drive_periods_s": list(context.periods_s),
+        "stroke_m": context.stroke_m,
+        "distance_m": context.distance_m,
+        "channels": list(found.channels),
+    }
+    return facts, can, cannot
+
+
+_FIELDS = {"pressure": "pressure_Pa", "temperature": "temperature_degC", "position": "position_m"}
+
+
+def _tell(output: common.Output, result: dict[str, Any]) -> None:
+    output.say(str(result["bag"]))
+    output.say("topics")
+    for topic in result["topics"]:
+        kind = topic["type"].replace("/msg/", "/") or "several types"
+        use = f"  -> {', '.join(topic['inputs'])}" if topic["inputs"] else ""
+        output.say(f"  {topic['name']}  {kind}  {topic['messages']}{use}")
+    for name, about in result["inputs"].items():
+        output.say(name)
+        for line in _input_lines(about):
+            output.say(f"  {line}")
+    for note in result.get("notes", ()):
+        output.say(f"note: {note}")
+    pairing = result.get("pairing")
+    if pairing is None:
+        return
+    refused = ", ".join(f"{count} {reason.replace('_', ' ')}" for reason, count in pairing["rejected"].items())
+    output.say("samples")
+    output.say(
+        f"  {pairing['used']} used of {pairing['read']}, {pairing['sample_rate_hz']:.5g} Hz, "
+        f"{pairing['duration_s']:.5g} s" + (f"; refused: {refused}" if refused else "")
+    )
+    output.say(f"  {pairing['gaps']} gaps, {pairing['clock_jumps']} backward jumps of the clock")
+    facts = result.get("excitation")
+    if facts:
+        periods = ", ".join(f"{period:.4g} s" for period in facts["drive_periods_s"]) or "none: not periodic"
+        output.say("drive")
+        output.say(
+            f"  {facts['reversals']} reversals, {facts['cycles']} cycles, stroke {facts['stroke_m']:.4g} m; "
+            f"periods: {periods}"
+        )
+    for title in ("can", "cannot"):
+        if result.get(title):
+            output.say(f"{title} be identified" if title == "can" else "cannot be identified, or not well")
+            for text in result[title]:
+                output.say(f"  {text}")
+
+
+def _input_lines(about: dict[str, Any]) -> list[str]:
+    joint = f", joint {about['joint']}" if about["joint"] else ""
+    frame = f", frame {about['frame_id']}" if about["frame_id"] else ""
+    lines = [
+        f"{about['topic']}{joint}{frame}: {about['messages']} messages, {about['rate_hz']:.5g} Hz "
+        f"(jitter {about['jitter_s'] * 1e3:.3g} ms), {about['duration_s']:.5g} s",
+        f"from {about['lowest']:.5g} to {about['highest']:.5g} {about['unit']}",
+    ]
+    if about["gaps"]:
+        lines.append(f"{about['gaps']} gaps, the longest {about['longest_gap_s']:.4g} s")
+    if not about["stamped"]:
+        lines.append("no header: the time of recording serves as stamp, so pairing with other topics is a guess")
+    elif abs(about["delay_s"]) > 1.0:
+        lines.append(f"recorded {about['delay_s']:.4g} s after its stamps: two clocks, or a copy of a recording")
+    faults = ("missing", "zero_stamps", "duplicate_stamps", "backward_stamps", "clock_jumps", "nan", "infinite")
+    found = [f"{about[name]} {name.replace('_', ' ')}" for name in faults if about[name]]
+    return [*lines, ", ".join(found)] if found else lines

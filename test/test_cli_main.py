@@ -1,0 +1,251 @@
+"""Every verb has help, one-line failures and the exit codes of the interface; interrupted runs leave nothing behind."""
+
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from friction_estimator import __version__
+from friction_estimator.cli import common, main
+from friction_estimator.cli.main import VERBS
+from friction_estimator.core.errors import ConfigError, InputError, UnanswerableError
+
+# Dispatch
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_has_help_with_an_example_and_the_exit_codes(verb, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main.main([verb, "--help"])
+    text = capsys.readouterr().out
+    assert ended.value.code == 0
+    assert f"friction_estimator {verb}" in text.split("example")[1]
+    assert "exit codes" in text
+
+
+def test_the_list_of_verbs_needs_no_verb_imported():
+    code = (
+        "import sys; from friction_estimator.cli.main import main\n"
+        "try: main(['--help'])\n"
+        "except SystemExit: print(sorted(m for m in sys.modules if m.split('.')[0] in ('numpy', 'rosbags')))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+    for verb, (_, summary) in VERBS.items():
+        assert f"    {verb}" in done.stdout
+        assert summary.split()[0] in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ([], "no verb given: choose one of"),
+        (["inof"], "unknown verb 'inof': did you mean info?"),
+        (["zzz"], "unknown verb 'zzz': choose one of simulate,"),
+        (["info"], "the following arguments are required: BAG"),
+        (["info", "bag", "--frob"], "unrecognized arguments: --frob"),
+        (["import", "t.csv", "--json", "rig.mcap"], "rig.mcap is no JSON file"),
+    ],
+)
+def test_a_usage_error_is_one_line_and_exit_code_2(words, message, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main.main(words)
+    lines = capsys.readouterr().err.splitlines()
+    assert ended.value.code == 2
+    assert len(lines) == 1
+    assert message in lines[0]
+    assert "--help" in lines[0]
+
+
+def test_version_and_module_entry():
+    done = subprocess.run(
+        [sys.executable, "-m", "friction_estimator", "--version"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == f"friction_estimator {__version__}"
+
+
+# Failures
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "line"),
+    [
+        (InputError("a.mcap is damaged:\n  badly"), 2, "verb: a.mcap is damaged: badly"),
+        (ConfigError("unknown parameter x"), 2, "verb: unknown parameter x"),
+        (UnanswerableError("no such topic"), 1, "verb: no such topic"),
+        (KeyboardInterrupt(), 130, "verb: interrupted"),
+        (PermissionError(13, "Permission denied", "/etc/x"), 2, "verb: cannot use /etc/x: Permission denied"),
+        (OSError(28, "No space left on device"), 2, "verb: cannot use a file: No space left on device"),
+    ],
+)
+def test_an_expected_failure_is_one_line_and_its_exit_code(error, code, line, capsys):
+    def body():
+        raise error
+
+    assert common.guarded("verb", body) == code
+    assert capsys.readouterr().err == f"{line}\n"
+
+
+def test_an_unexpected_failure_is_not_hidden():
+    with pytest.raises(ZeroDivisionError):
+        common.guarded("verb", lambda: 1 // 0)
+
+
+def test_a_reader_that_goes_away_is_no_failure():
+    code = (
+        "import sys; from friction_estimator.cli.common import guarded\n"
+        "def body():\n"
+        "    for _ in range(100000): print('x' * 100)\n"
+        "    return 0\n"
+        "sys.exit(guarded('verb', body))"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.readline()
+    process.stdout.close()
+    assert process.stderr.read() == ""
+    assert process.wait(60) == 141
+    process.stderr.close()
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_a_stopped_run_leaves_nothing_half_written(tmp_path, number, code):
+    script = (
+        "import sys, time; from friction_estimator.cli.common import guarded\n"
+        "from friction_estimator.files import atomic_path\n"
+        "def body():\n"
+        f"    with atomic_path({str(tmp_path / 'out.json')!r}) as part:\n"
+        "        part.write_text('half')\n"
+        "        print('ready', flush=True)\n"
+        "        time.sleep(60)\n"
+        "sys.exit(guarded('verb', body))"
+    )
+    process = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.stdout is not None
+    assert process.stdout.readline() == b"ready\n"
+    os.kill(process.pid, number)
+    process.communicate(timeout=60)
+    assert process.returncode == code
+    assert list(tmp_path.iterdir()) == []
+
+
+# JSON
+
+values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=8,
+)
+
+
+def finite(value):
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    if isinstance(value, list):
+        return [finite(item) for item in value]
+    if isinstance(value, dict):
+        return {key: finite(item) for key, item in value.items()}
+    return value
+
+
+@given(values)
+def test_json_is_strict_and_null_stands_for_what_is_not_finite(value):
+    def refuse(word):
+        raise AssertionError(word)
+
+    assert json.loads(common.to_json(value), parse_constant=refuse) == finite(value)
+
+
+def test_json_takes_arrays_and_numpy_numbers():
+    value = {"a": np.array([[1.5, np.nan]]), "b": np.int64(3), "c": np.bool_(True), "d": (np.float32(0.5),)}
+    assert json.loads(common.to_json(value)) == {"a": [[1.5, None]], "b": 3, "c": True, "d": [0.5]}
+    with pytest.raises(TypeError, match="complex has no JSON form"):
+        common.to_json(1j)
+
+
+def test_words_leave_stdout_to_the_json(tmp_path, capsys):
+    for target in (None, "-", str(tmp_path / "out.json")):
+        output = common.Output(target)
+        output.say("words")
+        output.result({"x": 1})
+        caught = capsys.readouterr()
+        if target == "-":
+            assert json.loads(caught.out) == {"x": 1}
+            assert caught.err == "words\n"
+        else:
+            assert (caught.out, caught.err) == ("words\n", "")
+    assert json.loads((tmp_path / "out.json").read_text()) == {"x": 1}
+
+
+# Progress
+
+
+class Screen(io.StringIO):
+    """A stream that is, or is not, a terminal."""
+
+    def __init__(self, terminal):
+        super().__init__()
+        self._terminal = terminal
+
+    def isatty(self):
+        return self._terminal
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_a_bar_is_drawn_on_a_terminal_only(monkeypatch, terminal):
+    screen = Screen(terminal)
+    monkeypatch.setattr(sys, "stderr", screen)
+    with common.progress("reading") as advance:
+        for _ in range(3):
+            advance(10, total=30)
+            time.sleep(0)
+    assert ("reading" in screen.getvalue()) == terminal
+
+
+# Options
+
+
+def parsed(*words):
+    parser = common.Parser(prog="x")
+    common.add_bag_options(parser)
+    return parser.parse_args(words)
+
+
+def test_topics_are_named_by_input():
+    args = parsed("--topic", "velocity=/rig/v", "--topic", "joint_states=js")
+    assert common.topics_from(args) == {"velocity": "/rig/v", "joint_states": "js"}
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--topic", "velocity"], "--topic velocity: write INPUT=TOPIC"),
+        (["--topic", "velocity="], "--topic velocity=: write INPUT=TOPIC"),
+        (["--topic", "speed=/v"], "unknown input 'speed': choose one of velocity, friction"),
+        (["--topic", "velocity=/v", "--topic", "velocity=/w"], "velocity is given twice"),
+    ],
+)
+def test_a_topic_option_that_makes_no_sense_is_refused(words, message):
+    with pytest.raises(InputError) as caught:
+        common.topics_from(parsed(*words))
+    assert message in str(caught.value)
+
+
+def test_the_command_line_overrides_the_file(tmp_path):
+    (tmp_path / "c.yaml").write_text(
+        "/**:\n  ros__parameters:\n    input: {joint: a, axis: y}\n    model: {law: lms}\n"
+    )
+    config = common.config_from(
+        parsed("--config", str(tmp_path / "c.yaml"), "--joint", "b"), {"model.law": "nlms", "model.type": None}
+    )
+    assert (config.input.joint, config.input.axis, config.model.law) == ("b", "y", "nlms")
+    assert config.model.type == "parallel"
