@@ -46,6 +46,7 @@ class EstimatorNode(ConfiguredNode):
         self.health = Health(self)
         self._snapshot: tuple[float, Parameters | None] = (0.0, None)
         self._enabled = True
+        self._configured = self.config.learned
         self._outputs = Outputs(self, self.config.input.axis)
         self._keeper = StateKeeper(self.get_logger())
         for reason in self.refused:
@@ -140,7 +141,12 @@ class EstimatorNode(ConfiguredNode):
 
     def _reset(self, _: Any) -> str:
         """Forget what was learned and put all parameters into force."""
-        self.config = without_learned(self.config)
+        # Extension terms refer to the model that they were found beside, so that one is gone back to.
+        self.config = (
+            replace(self.config, learned=self._configured)
+            if self.config.extension.terms
+            else without_learned(self.config)
+        )
         self._stream.estimator = self._estimator(self.config)
         self._stream.restart()
         self._stream.learn = self.config.model.adapt
@@ -264,8 +270,12 @@ class EstimatorNode(ConfiguredNode):
 
 
 def build(config: Config) -> Estimator:
-    """Return the estimator of a configuration."""
-    return Estimator(config)
+    """Return the estimator of a configuration, with the terms that a diagnosis added."""
+    if not config.extension.terms:
+        return Estimator(config)
+    from friction_estimator.effects.extension import extension_from_config  # noqa: PLC0415 - seldom needed
+
+    return Estimator(config, extension_from_config(config))
 
 
 def without_learned(config: Config) -> Config:

@@ -1,0 +1,100 @@
+"""What the node benchmarks share: the table they write, the load they put on a node."""
+
+import contextlib
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parents[1] / "test"))
+
+from geometry_msgs.msg import WrenchStamped  # noqa: E402 - after the path
+from ros_graph import Feeder, Graph, Process, await_, force, motion, qos  # noqa: E402
+
+PREDICTED = "/friction_estimator/friction_predicted"
+TABLE = HERE / "table.md"
+SECTIONS = ("Executors", "Pairs", "JointState", "Endurance", "Endings", "Faults")
+
+
+def write_section(title: str, text: str) -> None:
+    """Replace one section of the table; the others stay."""
+    parts: dict[str, str] = {}
+    if TABLE.exists():
+        for piece in TABLE.read_text().split("\n## ")[1:]:
+            name, _, body = piece.partition("\n")
+            parts[name] = body.strip()
+    parts[title] = text.strip()
+    head = "# What the node was measured to do\n\nWritten by the scripts here; docs/node.md says how to read it.\n"
+    ordered = [name for name in SECTIONS if name in parts]
+    TABLE.write_text(head + "".join(f"\n## {name}\n\n{parts[name]}\n" for name in ordered))
+    print(f"## {title}\n\n{text.strip()}\n", flush=True)
+
+
+def rows(header: list[str], lines: list[list[Any]]) -> str:
+    """Return a Markdown table."""
+    out = [f"| {' | '.join(header)} |", f"|{' --- |' * len(header)}"]
+    return "\n".join(out + [f"| {' | '.join(map(str, line))} |" for line in lines])
+
+
+class Load:
+    """Publishes pairs at a steady rate and keeps what comes back, with the time it took.
+
+    Parameters
+    ----------
+    graph : with or without a node yet.
+    """
+
+    def __init__(self, graph: Graph) -> None:
+        self.feeder = Feeder(graph)
+        self._heard: list[tuple[bytes, int]] = []
+        graph.probe.create_subscription(
+            WrenchStamped,
+            PREDICTED,
+            lambda raw: self._heard.append((raw, time.perf_counter_ns())),
+            qos(True, 10000),
+            raw=True,
+        )
+        self._graph = graph
+
+    def run(self, process: Process, rate_hz: float, seconds: float, offset: int = 0) -> dict[str, Any]:
+        """Load one node; return CPU, round trips, stamps and values of the predictions."""
+        self.feeder.matched()
+        await_(lambda: self._graph.probe.count_publishers(PREDICTED) == 1, "one publisher of predictions")
+        time.sleep(1.0)  # let discovery calm down: it is not what is measured
+        self._heard.clear()
+        count = round(rate_hz * seconds)
+        stamps, velocity, friction = motion(count, rate_hz)
+        stamps = stamps + offset
+        sent = np.zeros(count, np.int64)
+        cpu = process.cpu_s()
+        start = time.perf_counter_ns()
+        step = 1e9 / rate_hz
+        for k, (stamp, v, f) in enumerate(zip(stamps.tolist(), velocity.tolist(), friction.tolist(), strict=True)):
+            while (wait := start + k * step - time.perf_counter_ns()) > 0:
+                time.sleep(wait * 1e-9)
+            sent[k] = time.perf_counter_ns()
+            self.feeder.pair(stamp, v, f)
+        took = (time.perf_counter_ns() - start) * 1e-9
+        self.feeder.acknowledged()
+        with contextlib.suppress(AssertionError):
+            await_(lambda: len(self._heard) >= count, "all predictions", 5.0)
+        cpu = process.cpu_s() - cpu
+        found = [(*force(raw), arrived) for raw, arrived in self._heard]
+        place = {stamp: k for k, stamp in enumerate(stamps.tolist())}
+        trips = [arrived - sent[place[stamp]] for stamp, _, arrived in found if stamp in place]
+        return {
+            "sent": count,
+            "received": len(found),
+            "in_order": [stamp for stamp, *_ in found] == sorted(stamp for stamp, *_ in found),
+            "cpu_us": cpu / count * 1e6,
+            "p50_us": float(np.median(trips)) / 1e3 if trips else float("nan"),
+            "p99_us": float(np.percentile(trips, 99)) / 1e3 if trips else float("nan"),
+            "took_s": took,
+            "stamps": stamps,
+            "velocity": velocity,
+            "friction": friction,
+            "predicted": np.array([value for _, value, _ in found]),
+        }
