@@ -172,6 +172,60 @@ def test_a_lost_unstamped_velocity_costs_one_sample():
         assert pairing.dropped <= 1
 
 
+FAULTY = """
+import sys
+from friction_estimator.core import live
+from friction_estimator.ros import node
+
+step, calls = live.LiveStep._step, []
+
+
+def failing(self, learn):
+    calls.append(1)
+    if len(calls) % 10 == 0:
+        raise ZeroDivisionError("provoked")
+    return step(self, learn)
+
+
+live.LiveStep._step = failing
+sys.exit(node.main(["node", *sys.argv[1:]]))
+"""
+
+
+def test_an_exception_is_counted_reported_and_survived(graph):
+    process = graph.start(
+        "-c", FAULTY, "--ros-args", *(w for n, v in ros_graph.RELIABLE.items() for w in ("-p", f"{n}:={v}"))
+    )
+    process.says("listening")
+    feeder, heard = connected(graph)
+    stamps, velocity, friction = motion(100, 400.0)
+    feed(feeder, stamps, velocity, friction, 400.0)
+    feeder.acknowledged()
+    values = diagnostics(graph, lambda v: int(v["exceptions"]) >= 10)
+    assert int(values["exceptions"]) + int(values["predictions"]) == 100
+    assert values["samples lost"] == values["exceptions"]
+    assert "provoked" in values["last exception"]
+    assert "provoked" in process.output()
+    assert len(heard) == int(values["predictions"])
+    assert process.stop() == 0
+
+
+def test_unusable_quality_of_service_is_reported_and_replaced(graph):
+    process = graph.start_node(
+        {
+            "qos_overrides./velocity.subscription.reliability": "relaible",
+            "qos_overrides./friction.subscription.depth": "many",
+            "qos_overrides./friction_estimator/residual.publisher.reliability": 3,
+        },
+        reliable=False,
+    )
+    feeder, heard = connected(graph)
+    await_(lambda: feeder.pair(time.time_ns(), 0.1, 2.0) or heard, "a prediction")
+    for word in ("relaible", "friction.subscription.depth", "residual.publisher.reliability"):
+        assert word in process.output()
+    assert process.stop() == 0
+
+
 def test_services(graph):
     graph.start_node({"state.file": str(graph.folder / "state.json")})
     feeder, heard = connected(graph)

@@ -2,24 +2,20 @@
 
 import array
 import time
+from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from friction_estimator.core.model import Parameters
 from friction_estimator.core.sample import Floats
+from friction_estimator.ros.quality import output_qos, with_overrides
 from friction_estimator.ros.wire import WrenchWriter
 
 ARRAYS = ("fir_taps", "theory_taps", "wavelet_weights")
-
-
-def output_qos(depth: int) -> QoSProfile:
-    """Return the quality of service of the outputs: reliable, so that every subscriber matches."""
-    return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=ReliabilityPolicy.RELIABLE)
 
 
 class Outputs:
@@ -33,12 +29,10 @@ class Outputs:
 
     def __init__(self, node: Node, axis: str) -> None:
         def publisher(kind: type, topic: str, depth: int) -> Publisher:
-            return node.create_publisher(
-                kind,
-                topic,
-                output_qos(depth),
-                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-            )
+            def create(qos: QoSProfile, options: Any) -> Publisher:
+                return node.create_publisher(kind, topic, qos, qos_overriding_options=options)
+
+            return with_overrides(node, topic, lambda: output_qos(depth), create)[0]
 
         self._predicted = publisher(WrenchStamped, "~/friction_predicted", 1000)
         self._residual = publisher(WrenchStamped, "~/residual", 1000)

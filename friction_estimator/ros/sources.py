@@ -10,10 +10,8 @@ from struct import Struct
 from typing import Any
 
 from geometry_msgs.msg import TwistStamped, WrenchStamped
-from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import FluidPressure, JointState, Temperature
 from std_msgs.msg import Float64
 
@@ -21,6 +19,7 @@ from friction_estimator.bag.messages import EXTRACTORS, Decoder, LayoutError, No
 from friction_estimator.core.config import InputConfig
 from friction_estimator.core.pairing import FRICTION, STREAMS, VELOCITY
 from friction_estimator.core.sample import NS_PER_S
+from friction_estimator.ros.quality import input_qos, with_overrides
 from friction_estimator.ros.receipt import ReceiptPairing
 from friction_estimator.ros.wire import NO_FRAME, frame_in
 
@@ -34,11 +33,6 @@ FRAME_FORGOTTEN_S = 60.0
 """A frame that differs from the first one this long is taken for the new usual one."""
 
 _NOTHING = Struct("<iId")
-
-
-def input_qos() -> QoSProfile:
-    """Return the quality of service of the inputs: it matches any publisher, and holds a second at 1 kHz."""
-    return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 def type_name(kind: type) -> str:
@@ -91,15 +85,13 @@ class Source:
     def subscribe(self, callback: Callable[[bytes], None]) -> None:
         """Open the subscription; quality-of-service overrides that cannot be used are reported and ignored."""
         guarded = self._guarded(callback)
-        try:
-            options: QoSOverridingOptions | None = QoSOverridingOptions.with_default_policies()
-            self.subscription = self._node.create_subscription(
-                self.kind, self.name, guarded, self.qos, qos_overriding_options=options, raw=True
+
+        def create(qos: QoSProfile, options: Any) -> Any:
+            return self._node.create_subscription(
+                self.kind, self.name, guarded, qos, qos_overriding_options=options, raw=True
             )
-        except (InvalidQosOverridesError, InvalidParameterTypeException, RuntimeError) as error:
-            self._node.get_logger().error(f"{self.name}: {error}; using best effort, keep last 1000")
-            self.qos = input_qos()
-            self.subscription = self._node.create_subscription(self.kind, self.name, guarded, self.qos, raw=True)
+
+        self.subscription, self.qos = with_overrides(self._node, self.name, input_qos, create)
 
     def close(self) -> None:
         """Close the subscription."""
