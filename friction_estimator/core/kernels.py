@@ -271,10 +271,10 @@ def _learn_rls(shape, theta, ring, law, moments, status, root, diagonal, prior, 
         theta += P x e / (1 + r),  S <- S (I - gamma f f'), f = S' x, (1 - gamma r)^2 = 1 / (lambda (1 + r))
 
     is the information update R <- R - (1 - lambda) x x' / (x' P x) + x x' of Kulhavy and Karny (1984): only what is
-    known along x is forgotten, so nothing winds up at standstill. Forgetting pauses where it would raise a variance
-    above its prior. A step that is shortened, because the error is an outlier or because the model is too curved for
-    it, counts as proportionally less information. When the running error rises far above its quiet level, the friction has changed abruptly: the
-    covariance is set back to the prior once, the parameters stay.
+    known along x is forgotten, so nothing winds up at standstill. A parameter whose variance would rise above its prior
+    keeps it (its row of S stays as it is). A step that is shortened, because the error is an outlier or because the
+    model is too curved for it, counts as proportionally less information. When the running error rises far above its
+    quiet level, the friction has changed abruptly: the covariance is set back to the prior once, the parameters stay.
     """
     n = theta.size
     if law[FORGETTING] < 1.0:
@@ -309,18 +309,15 @@ def _learn_rls(shape, theta, ring, law, moments, status, root, diagonal, prior, 
     if rho < WHOLE_STEP:
         shrink /= law[FORGETTING]
     change = (1.0 - shrink) / r  # P <- P - change g g'
-    if shrink > 1.0:
-        for i in range(n):
-            if diagonal[i] - change * gain[i] * gain[i] > prior[i]:
-                shrink = rho / (rho + r)
-                change = (1.0 - shrink) / r
-                break
     gamma = (1.0 - np.sqrt(shrink)) / r
     for i in range(n):
+        grown = diagonal[i] - change * gain[i] * gain[i]
+        if shrink > 1.0 and grown > prior[i]:
+            continue  # forgotten as far as it may be
+        diagonal[i] = grown
         factor = gamma * gain[i]
         for j in range(n):
             root[i, j] -= factor * projected[j]
-        diagonal[i] -= change * gain[i] * gain[i]
     norm = _move_norm_into_weights(shape, theta)
     taps, weights = shape[TAPS], shape[WEIGHTS]
     if norm > 0.0:

@@ -20,7 +20,7 @@ from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.sample import Bools, Floats, Ints, Samples
 from friction_estimator.core.theory import TheoryCurve, theory_from_config
 
-TAP_DEVIATION = {"hammerstein": 0.1, "parallel": 0.01}
+TAP_DEVIATION = {"hammerstein": 0.1, "parallel": 0.03}
 """Prior standard deviation of the taps behind g, relative to that of a weight of the coarsest level.
 
 In the parallel model g starts near zero and says nothing about the taps behind it: a loose prior would let noise move
