@@ -39,6 +39,9 @@ RELIABLE = [
     for word in ("-p", f"qos_overrides./{topic}.subscription.reliability:=reliable")
 ]
 
+QUIET = ("--log-level", "friction_estimator:=error")
+"""That nobody publishes yet, or any more, is no news here."""
+
 STRANGE_DOMAINS = range(40, 100)
 
 
@@ -82,6 +85,7 @@ def demonstrate(args: argparse.Namespace) -> int:
             "--ros-args",
             "--params-file",
             str(start),
+            *QUIET,
             *RELIABLE,
         ]
         play = [sys.executable, "-m", "friction_estimator", "play", args.bag, "--rate", str(args.rate)]
