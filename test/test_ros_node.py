@@ -173,7 +173,6 @@ def test_a_lost_unstamped_velocity_costs_one_sample():
 
 
 FAULTY = """
-import sys
 from friction_estimator.core import live
 from friction_estimator.ros import node
 
@@ -188,7 +187,7 @@ def failing(self, learn):
 
 
 live.LiveStep._step = failing
-sys.exit(node.main(["node", *sys.argv[1:]]))
+node.main()
 """
 
 

@@ -1,6 +1,5 @@
 """The estimator node under rclpy's stock single-threaded executor, for comparison."""
 
-import sys
 from typing import Any
 
 import rclpy.experimental
@@ -15,4 +14,4 @@ def stock() -> Any:
 
 if __name__ == "__main__":
     rclpy.experimental.EventsExecutor = stock
-    sys.exit(main())
+    main()

@@ -4,9 +4,12 @@ Signal handlers are in place before anything slow is imported, so that a node th
 ends as cleanly as one that runs (docs/decisions/0031).
 """
 
+import logging
+import os
 import signal
 import sys
 import tempfile
+import traceback
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -41,13 +44,21 @@ class StopSignals:
             raise Stopped
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run the node until SIGINT or SIGTERM; return the exit code (0 stopped, 2 unusable arguments)."""
+def main() -> None:
+    """Run the node until SIGINT or SIGTERM; end the process with 0, or 2 for unusable arguments."""
     signals = StopSignals()
     try:
-        return _run(sys.argv if arguments is None else arguments, signals)
+        code = _run(sys.argv, signals)
     except Stopped:
-        return 0
+        code = 0
+    except Exception:
+        traceback.print_exc()
+        code = 1
+    # All is saved and shut down; taking the interpreter apart (numba, LLVM) can last seconds on a busy machine.
+    logging.shutdown()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
 
 
 def _run(arguments: list[str], signals: StopSignals) -> int:
@@ -95,4 +106,4 @@ def spin(node: Any, signals: StopSignals) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
