@@ -1,1 +1,1 @@
-"""What the simulation gets wrong: evidence, named cause, extended model, measured gain."""
+"""Show what the simulation gets wrong, name the cause, extend the model, measure the gain."""

@@ -17,8 +17,8 @@ from scipy.linalg import cho_factor, cho_solve
 from friction_estimator.core.config import Config
 from friction_estimator.core.sample import Bools, Floats
 from friction_estimator.core.theory import TheoryCurve, theory_from_config
-from friction_estimator.core.theory_seal import SealCurve
 from friction_estimator.diagnosis.record import Record
+from friction_estimator.effects.extension import theory_parts
 from friction_estimator.effects.reference import Reference
 
 SPLINES = 12
@@ -239,27 +239,8 @@ def reference_of(fit: BaseFit, record: Record, sign_velocity_m_s: float) -> Refe
     temperature = float(f.temperature_degC.mean())
     low, high = float(f.pressure_Pa.min()), float(f.pressure_Pa.max())
     nodes = np.array([low]) if high - low < 1e-3 * max(abs(high), 1.0) else np.linspace(low, high, PRESSURE_NODES)
-    viscous = boundary = theory = None
-    if isinstance(fit.theory, SealCurve):
-        curve, step = fit.theory, 0.02
-        gain = fit.theory_gain * (1.0 + float(fit.taps.sum()))
-
-        def derivative(v: Floats, p: Floats, viscosity: float, friction: float) -> Floats:
-            one, warm = np.ones(v.size), np.full(v.size, temperature)
-            film = curve.entrainment(v)
-            more = curve.on_film(v, film, p, warm, one * (1.0 + viscosity), one * (1.0 + friction))
-            less = curve.on_film(v, film, p, warm, one * (1.0 - viscosity), one * (1.0 - friction))
-            return np.asarray((more - less) / (2.0 * step) * gain)
-
-        def viscous(v: Floats, p: Floats) -> Floats:
-            return derivative(v, p, step, 0.0)
-
-        def boundary(v: Floats, p: Floats) -> Floats:
-            return derivative(v, p, 0.0, step)
-
-        def theory(v: Floats, p: Floats) -> Floats:
-            return np.asarray(curve.evaluate(v, p, np.full(v.size, temperature)) * gain)
-
+    gain = fit.theory_gain * (1.0 + float(fit.taps.sum()))
+    viscous, boundary, theory = theory_parts(fit.theory, gain, temperature)
     return Reference.tabulate(
         lambda v, p: fit.static_force(v, p, temperature),
         viscous,

@@ -7,8 +7,10 @@ Z'X, X'X and X'e of those blocks only.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from friction_estimator.core.sample import Bools, Floats, Ints
 
@@ -80,10 +82,10 @@ class Evidence:
         self.folds = folds_of(self.blocks, seed)
         self._seed = seed
 
-    def _parts(self, values: Floats) -> list[Floats]:
+    def _parts(self, values: NDArray[Any]) -> list[NDArray[Any]]:
         return [values[a:b] for a, b in zip(self._edges[:-1], self._edges[1:], strict=True)]
 
-    def _by_block(self, left: Floats, right: Floats) -> Floats:
+    def _by_block(self, left: NDArray[Any], right: Floats) -> Floats:
         pairs = zip(self._parts(left), self._parts(right), strict=True)
         return np.array([a.T @ b for a, b in pairs])
 
@@ -93,6 +95,11 @@ class Evidence:
         zx = self._by_block(self._z, x)
         xe = self._by_block(x, self.residual[:, None])[:, :, 0]
         return Moments(zx, self._by_block(x, x), xe)
+
+    def moments_of(self, columns: NDArray[np.float32], known: Moments) -> Moments:
+        """Return the inner products with this residual, where those with the same tangent are `known`."""
+        xe = self._by_block(columns, self.residual[:, None])[:, :, 0]
+        return Moments(known.zx, known.xx, xe)
 
     def fit(self, moments: Moments, rule: Rule, rows: Bools | None = None) -> Fit:
         """Fit base and hypothesis jointly on the chosen blocks (default all)."""

@@ -9,7 +9,7 @@ from scipy.stats import t as student
 
 from friction_estimator.core.config import Config
 from friction_estimator.core.sample import Floats
-from friction_estimator.diagnosis.base import BaseFit, fit_base, reference_of
+from friction_estimator.diagnosis.base import SPLINES, BaseFit, fit_base, reference_of
 from friction_estimator.diagnosis.evidence import Evidence, folds_of
 from friction_estimator.diagnosis.library import columns_of, with_running_force
 from friction_estimator.diagnosis.record import Record
@@ -28,6 +28,14 @@ REFINE_EVALUATIONS = 14
 ZOOM_POINTS, ZOOM_LEVELS = 13, 3
 DERIVATIVE_STEP = 1e-3
 """Relative step of a refined parameter in numerical derivatives."""
+
+
+@dataclass(frozen=True)
+class Capacity:
+    """How fine the base model is: splines of the static curve, order of the FIR."""
+
+    splines: int
+    order: int
 
 
 @dataclass(frozen=True)
@@ -79,13 +87,16 @@ def fit_joint(
     terms: Sequence[Term] = (),
     start: BaseFit | None = None,
     rounds: int = ROUNDS,
+    capacity: Capacity | None = None,
 ) -> Joint:
     """Fit base and effects jointly.
 
     Alternates between the refinement of the nonlinear parameters, one at a time, with base and other effects
     projected out, and a Gauss-Newton fit of base and coefficients; the reference curve follows.
     """
-    base = start or fit_base(record, config)
+    capacity = capacity or Capacity(SPLINES, config.fir.order)
+    splines, order = capacity.splines, capacity.order
+    base = start or fit_base(record, config, splines=splines, order=order)
     terms = list(terms)
     for number in range(rounds if terms else 1):
         before = [t.params for t in terms]
@@ -108,7 +119,7 @@ def fit_joint(
         )
         free = [c for c, t in zip(columns, terms, strict=True) if not t.effect.fixed_gain]
         moved = record.with_force(record.friction_N - fixed, record.used)
-        base = fit_base(moved, config, np.column_stack(free) if free else None, start_at=base, steps=2)
+        base = fit_base(moved, config, np.column_stack(free) if free else None, splines, order, base, 2)
         terms = _weighted(terms, columns, base.extra_weights)
         if number and _largest_change(before, terms) < SETTLED:
             break
@@ -248,8 +259,8 @@ def parameter_covariance(joint: Joint, record: Record, seed: int) -> Floats:
     white = hessian * float(evidence.ee.sum()) / max(evidence.samples - hessian.shape[0], 1)
     # Few blocks make the sandwich noisy: it never falls below what white noise alone would give.
     sandwich, plain = inverse @ middle @ inverse, inverse @ white @ inverse
-    ratio = np.diag(plain) / np.maximum(np.diag(sandwich), 1e-300)
-    lift = np.asarray(np.sqrt(np.maximum(ratio, 1.0)))
+    known = np.maximum(np.diag(sandwich), 1e-300)
+    lift = np.sqrt(np.fmax(np.diag(plain) / known, np.ones(known.size)))
     return np.asarray(sandwich * np.outer(lift, lift) * np.outer(joint.scales, joint.scales))
 
 
@@ -292,7 +303,7 @@ def estimates(joint: Joint, record: Record, context: Context, seed: int) -> list
                 moved = theta.copy()
                 moved[i] += step
                 slope[i] = (values(moved)[name][0] - value) / step
-            reach = quantile * float(np.sqrt(max(slope @ part @ slope, 0.0)))
+            reach = quantile * float(np.sqrt(max(float(slope @ part @ slope), 0.0)))
             found[name] = Estimate(float(value), unit, float(value - reach), float(value + reach))
         out.append(found)
     return out

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.evidence import Evidence, Moments, Rule
@@ -22,12 +23,14 @@ class Hypothesis:
     Attributes
     ----------
     effect : class of the effect. params : its point. moments : of its columns. rule : on its coefficients.
+    columns : (n, c), in single precision to save memory.
     """
 
     effect: type[Effect]
     params: dict[str, float]
     moments: Moments
     rule: Rule
+    columns: NDArray[np.float32]
 
     @property
     def name(self) -> str:
@@ -51,7 +54,8 @@ def hypothesis(
     """Return a hypothesis with its inner products."""
     columns = columns_of(effect, params, features, reference)
     signs = effect.signs if len(effect.signs) == columns.shape[1] else (0,) * columns.shape[1]
-    return Hypothesis(effect, params, evidence.moments(columns), Rule(signs, effect.fixed_gain))
+    rule = Rule(signs, effect.fixed_gain)
+    return Hypothesis(effect, params, evidence.moments(columns), rule, columns.astype(np.float32))
 
 
 def build_library(
@@ -74,28 +78,34 @@ def build_library(
             found.append(hypothesis(cls, params, features, reference, evidence))
     lines = EFFECTS["periodic_disturbance"]
     if "periodic_disturbance" not in out:
-        for frequency in spectral_lines(evidence.residual, context):
+        for frequency in spectral_lines(evidence.residual, features.time_s, context.step_s):
             found.append(hypothesis(lines, {"frequency": frequency}, features, reference, evidence))
     return found
 
 
-def spectral_lines(residual: Floats, context: Context, count: int = LINES) -> list[float]:
+def spectral_lines(residual: Floats, time_s: Floats, step_s: float, count: int = LINES) -> list[float]:
     """Return the frequencies of the highest peaks over their surroundings, Hz.
 
     The spectrum is padded to twice the length; a peak is measured against the median of its 101 neighbours, so that a
-    coloured floor has no peaks.
+    coloured floor has no peaks. Gaps are filled with zeros where the recording is mostly whole.
     """
+    place = np.round((time_s - time_s[0]) / step_s).astype(np.int64)
+    if place[-1] < 2 * residual.size and np.all(np.diff(place) >= 0):
+        even = np.zeros(int(place[-1]) + 1)
+        even[place] = residual
+        residual = even
     n = residual.size
+    duration_s = n * step_s
     size = 1 << int(np.ceil(np.log2(2 * n)))
     power = np.square(np.abs(np.fft.rfft(residual, size)))
-    frequency = np.fft.rfftfreq(size, context.step_s)
+    frequency = np.fft.rfftfreq(size, step_s)
     half = 50 * size // (2 * n)
     kernel = max(1, half // 50)
     coarse = power[: power.size // kernel * kernel].reshape(-1, kernel).mean(axis=1)
     padded = np.pad(coarse, 50, mode="reflect")
     floor = np.median(np.lib.stride_tricks.sliding_window_view(padded, 101), axis=1)
     height = power[: floor.size * kernel] / np.maximum(np.repeat(floor, kernel), 1e-300)
-    height[frequency[: height.size] < 3.0 / context.duration_s] = 0.0
+    height[frequency[: height.size] < 3.0 / duration_s] = 0.0
     chosen: list[float] = []
     reach = 4 * size // n
     for _ in range(count):

@@ -5,6 +5,7 @@ white noise calls coloured noise outliers.
 """
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from scipy.signal import savgol_filter
@@ -82,6 +83,7 @@ def quantization(record: Record, error_power: float) -> Finding | None:
         1e-12,
         {"step": (step, "N", step - reach, step + reach)},
         power_N2=power,
+        extra={"coarse": float(power > 0.5 * error_power)},
         words=f"the force takes {np.unique(force).size} distinct values, {step:.4g} N apart",
     )
 
@@ -191,6 +193,8 @@ def outliers(record: Record, residual: Floats) -> Finding | None:
         neighbours[:-shift] += size[shift:] > 3.5
     hit &= neighbours == 0
     count = int(hit.sum())
+    if count >= FEWEST_SPIKES and _gathered(record, hit):
+        return None
     power = float(np.square(innovation[hit]).sum()) / max(int(record.used.sum()), 1)
     total = float(np.mean(np.square(residual[record.used])))
     p_value = float(binom.sf(count - 1, residual.size, 1.7e-6))
@@ -213,6 +217,18 @@ def outliers(record: Record, residual: Floats) -> Finding | None:
     )
 
 
+def _gathered(record: Record, hit: Bools) -> bool:
+    """Return whether hits gather at one place of the cycle: then they are a cause, not interference."""
+    f = record.features
+    since = np.where(np.isfinite(f.since_reversal_s), f.since_reversal_s, 1e9)
+    for values in (since, f.velocity_m_s, f.position_m):
+        edges = np.quantile(values, np.linspace(0.0, 1.0, 26)[1:-1])
+        cell = np.searchsorted(edges, values[hit])
+        if np.bincount(cell).max() > max(3.0, 0.3 * cell.size):
+            return True
+    return False
+
+
 def velocity_noise(record: Record, force_slope: Floats, error_power: float) -> Finding | None:
     """Find noise on the velocity channel by its third difference, which a smooth drive does not have.
 
@@ -225,15 +241,16 @@ def velocity_noise(record: Record, force_slope: Floats, error_power: float) -> F
     if third.size < 100:
         return None
     spread = 1.4826 * float(np.median(np.abs(third - np.median(third))))
-    # The variance of the noise from the differences' own correlation: gamma_0 of an MA(1) noise is seen at lags 3, 4.
-    deviation = float(np.sqrt(_noise_power(third) if spread > 0.0 else 0.0))
+    # A drive that changes its profile jumps now and then: such differences are shortened.
+    third = np.clip(third, -4.0 * spread, 4.0 * spread)
+    deviation = float(np.sqrt(_noise_power(third)))
     rough = float(np.mean(third[1:] * third[:-1])) < -0.2 * float(np.mean(np.square(third)))
     power = deviation * deviation * float(np.mean(np.square(force_slope[record.used])))
     if not rough or power < 2.0 * LEAST_SHARE * error_power:
         return None
     smooth = v.copy()
     edges = np.append(np.flatnonzero(record.restart), v.size)
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in pairwise(edges):
         if b - a > SMOOTHING:
             smooth[a:b] = savgol_filter(v[a:b], SMOOTHING, 3)
     reach = deviation * 0.1

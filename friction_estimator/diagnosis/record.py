@@ -8,6 +8,7 @@ import numpy as np
 from friction_estimator.core.config import Config
 from friction_estimator.core.errors import UnanswerableError
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Ints, Samples
+from friction_estimator.effects.extension import sign_velocity
 from friction_estimator.effects.features import Context, FeatureMaker, Features
 
 FEWEST_SAMPLES = 400
@@ -81,16 +82,10 @@ class Record:
             force_top_N=force_top_N,
             pressure_mean_Pa=float(f.pressure_Pa.mean()),
             pressure_span_Pa=float(np.ptp(f.pressure_Pa)),
-            sign_velocity_m_s=sign_velocity(config, f.velocity_m_s),
+            sign_velocity_m_s=sign_velocity(config, float(np.abs(f.velocity_m_s).max())),
             periods_s=self.periods_s,
             channels=tuple(channels),
         )
-
-
-def sign_velocity(config: Config, velocity_m_s: Floats) -> float:
-    """Return v_s: the theory's where there is one, but never above a twentieth of the top speed."""
-    top = float(np.abs(velocity_m_s).max())
-    return min(config.seal.sign_velocity, top / 20.0) if config.theory.kind == "seal" else top / 60.0
 
 
 def joined(recordings: Sequence[Samples]) -> tuple[Samples, Ints]:

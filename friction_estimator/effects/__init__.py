@@ -3,6 +3,17 @@
 from friction_estimator.effects import drift, dynamics, faults, reversal, sensor, static  # noqa: F401 - register
 from friction_estimator.effects.base import EFFECTS, Effect, list_effects, parse_effect
 from friction_estimator.effects.compose import compose
+from friction_estimator.effects.extension import ExtensionTerms, extension_from_config
 from friction_estimator.effects.trace import STAGES, Trace
 
-__all__ = ["EFFECTS", "STAGES", "Effect", "Trace", "compose", "list_effects", "parse_effect"]
+__all__ = [
+    "EFFECTS",
+    "STAGES",
+    "Effect",
+    "ExtensionTerms",
+    "Trace",
+    "compose",
+    "extension_from_config",
+    "list_effects",
+    "parse_effect",
+]

@@ -22,7 +22,7 @@ class SensorDrift(Effect):
     stage = "sensor"
     keys = (
         Key("total", "N", 0.3, -1e6, 1e6, "drift over the whole recording"),
-        form_key("fast at first: total (1 - exp(-3 t / duration))"),
+        form_key("fast at first: as 1 - exp(-3 t / duration)"),
     )
     size_key = "total"
     words = Words(
@@ -38,30 +38,30 @@ class SensorDrift(Effect):
         """Add the drift."""
         part = trace.time_s / trace.time_s[-1]
         if self["form"] >= 0.5:
-            part = 1.0 - np.exp(-3.0 * part)
+            part = (1.0 - np.exp(-3.0 * part)) / (1.0 - np.exp(-3.0))
         return trace.with_friction(trace.friction_N + self["total"] * part)
 
     @classmethod
     def grid(cls, context: Context) -> list[dict[str, float]]:
-        """A parabola in time over the recording."""
+        """A cubic in time over the recording."""
         return chosen([context.duration_s], "duration")
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
-        """Return t / duration and its square, about the middle."""
+        """Return powers of t / duration."""
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
             part = f.time_s / params["duration"]
-            return np.column_stack([part, part * part])
+            return np.column_stack([part, part**2, part**3])
 
-        return Columns(compute, 2)
+        return Columns(compute, 3)
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
         """Total drift in N."""
         return {"total": (float(np.sum(weights)), "N")}
 
-    signs = (0, 0)
+    signs = (0, 0, 0)
 
 
 @effect
@@ -74,7 +74,7 @@ class ViscosityDrift(Effect):
     keys = (
         Key("drop", "", 0.2, 0.0, 0.95, "share of the viscosity that is lost in the end"),
         Key("time_constant", "s", 40.0, 0.01, 1e6, "time constant of warming"),
-        form_key("slow tail: 1 - 1 / (1 + t / time_constant)"),
+        form_key("two time constants, 0.6 and 1.4 of it"),
     )
     size_key = "drop"
     linear = False
@@ -90,7 +90,7 @@ class ViscosityDrift(Effect):
     def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:  # noqa: ARG002
         """Lower the viscosity."""
         rise = trace.time_s / self["time_constant"]
-        done = rise / (1.0 + rise) if self["form"] >= 0.5 else 1.0 - np.exp(-rise)
+        done = _settled(rise, self["form"])
         return replace(trace, viscosity_factor=trace.viscosity_factor * (1.0 - self["drop"] * done))
 
     @classmethod
@@ -111,7 +111,7 @@ class ViscosityDrift(Effect):
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
         """Drop and time constant."""
-        return {"drop": (float(weights[0]), ""), "time_constant": (params["time_constant"], "s")}
+        return {"drop": (1.0 - float(np.exp(-weights[0])), ""), "time_constant": (params["time_constant"], "s")}
 
     signs = (1,)
     refined = ("time_constant",)
@@ -127,7 +127,7 @@ class Wear(Effect):
     keys = (
         Key("change", "", 0.2, -0.9, 10.0, "relative change of the boundary friction coefficient in the end"),
         Key("length", "m", 2.0, 1e-6, 1e9, "distance over which it happens"),
-        form_key("slow tail: 1 - 1 / (1 + s / length)"),
+        form_key("two lengths, 0.6 and 1.4 of it"),
     )
     size_key = "change"
     reveals = "distance_m"
@@ -143,7 +143,7 @@ class Wear(Effect):
     def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:  # noqa: ARG002
         """Change the boundary coefficient."""
         run = trace.distance_m / self["length"]
-        done = run / (1.0 + run) if self["form"] >= 0.5 else 1.0 - np.exp(-run)
+        done = _settled(run, self["form"])
         return replace(trace, boundary_factor=trace.boundary_factor * (1.0 + self["change"] * done))
 
     @classmethod
@@ -283,3 +283,10 @@ def _after(trace: Trace, at: float, form: float) -> Floats:
     if form >= 0.5:
         return np.clip((trace.time_s - at) / 0.5, 0.0, 1.0)
     return (trace.time_s >= at).astype(np.float64)
+
+
+def _settled(ratio: Floats, form: float) -> Floats:
+    """Return 1 - exp(-ratio), or the mean of it for 0.6 and 1.4 of the constant."""
+    if form >= 0.5:
+        return np.asarray(1.0 - 0.5 * (np.exp(-ratio / 0.6) + np.exp(-ratio / 1.4)))
+    return np.asarray(1.0 - np.exp(-ratio))

@@ -63,7 +63,7 @@ class SideSpring(Effect):
     stage = "mechanics"
     keys = (
         Key("stiffness", "N/m", 10.0, 0.0, 1e9, "stiffness about the middle of the stroke"),
-        form_key("hardening: k x (0.85 + 0.25 (x / half stroke)^2)"),
+        form_key("hardening: k x (0.85 + 0.2 (x / half stroke)^2)"),
     )
     size_key = "stiffness"
     reveals = "position_m"
@@ -81,7 +81,7 @@ class SideSpring(Effect):
         low, high = float(trace.position_m.min()), float(trace.position_m.max())
         x = trace.position_m - 0.5 * (low + high)
         if self["form"] >= 0.5 and high > low:
-            x = x * (0.85 + 0.25 * np.square(2.0 * x / (high - low)))
+            x = x * (0.85 + 0.2 * np.square(2.0 * x / (high - low)))
         return trace.with_friction(trace.friction_N + self["stiffness"] * x)
 
     @classmethod
@@ -287,7 +287,7 @@ class ViscoelasticRelaxation(Effect):
     keys = (
         Key("stiffness", "N/m", 20.0, 0.0, 1e9, "stiffness of the element"),
         Key("time_constant", "s", 0.4, 1e-4, 1e5, "its relaxation time"),
-        form_key("two elements, relaxing in 0.6 and 1.6 of the time"),
+        form_key("two elements, relaxing in 0.7 and 1.3 of the time"),
     )
     size_key = "stiffness"
     reveals = "position_m"
@@ -305,7 +305,7 @@ class ViscoelasticRelaxation(Effect):
         step = np.full(trace.time_s.size, trace.step_s)
         step[0] = 0.0
         before = np.concatenate([trace.velocity_m_s[:1], trace.velocity_m_s[:-1]])
-        factors = (0.6, 1.6) if self["form"] >= 0.5 else (1.0,)
+        factors = (0.7, 1.3) if self["form"] >= 0.5 else (1.0,)
         force = np.zeros(step.size)
         for factor in factors:
             out = np.empty(step.size)

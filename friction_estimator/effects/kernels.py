@@ -5,7 +5,7 @@ from numba import njit
 
 from friction_estimator.effects.reference import lookup
 
-FINEST_STEP = 2.5e-4
+FINEST_STEP = 5e-4
 """Samples further apart are divided into steps of this length, s: velocity is taken as linear between samples."""
 
 MOST_STEPS = 64
@@ -244,3 +244,15 @@ def fir(step, values, taps, state, out):  # type: ignore[no-untyped-def] # pragm
         for c in range(width):
             state[1 + head * width + c] = values[k, c]
         state[0] = float(head)
+
+
+@njit(cache=True)
+def waves(position, direction, wavelength, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """cos and sin of 2 pi x / wavelength, in columns 0, 1 where the shaft moves forward, else in 2, 3."""
+    for k in range(position.size):
+        turn = position[k] / wavelength
+        angle = 2.0 * np.pi * (turn - np.floor(turn))
+        place = 0 if direction[k] > 0.0 else 2
+        out[k, 0] = out[k, 1] = out[k, 2] = out[k, 3] = 0.0
+        out[k, place] = np.cos(angle)
+        out[k, place + 1] = np.sin(angle)

@@ -5,6 +5,7 @@ import numpy as np
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import Columns, Effect, Key, Params, Words, chosen, effect, form_key
 from friction_estimator.effects.features import Context, Features
+from friction_estimator.effects.kernels import waves
 from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.trace import Trace
 
@@ -95,7 +96,7 @@ class PositionDependence(Effect):
         """Wavelengths between 1/80 and the stroke, evenly in wave number, half a wave apart at most."""
         if context.stroke_m <= 0.0:
             return []
-        waves = np.concatenate([np.arange(1.0, 20.0, 0.25), np.arange(20.0, 80.0, 0.5)])
+        waves = np.concatenate([np.arange(1.0, 10.0, 0.25), np.arange(10.0, 80.0, 0.5)])
         return chosen(context.stroke_m / waves, "wavelength")
 
     @classmethod
@@ -103,10 +104,9 @@ class PositionDependence(Effect):
         """Return cos and sin of 2 pi x / L in each direction."""
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
-            angle = 2.0 * np.pi * f.position_m / params["wavelength"]
-            forward = f.direction > 0.0
-            wave = np.column_stack([np.cos(angle), np.sin(angle)])
-            return np.column_stack([wave * forward[:, None], wave * ~forward[:, None]])
+            out = np.empty((f.size, 4))
+            waves(f.position_m, f.direction, params["wavelength"], out)
+            return out
 
         return Columns(compute, 4)
 
@@ -123,7 +123,7 @@ class PositionDependence(Effect):
     def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
         """To the neighbouring wave numbers."""
         wave = context.stroke_m / value
-        reach = 0.25 if wave < 20.0 else 0.5
+        reach = 0.25 if wave < 10.0 else 0.5
         return (context.stroke_m / (wave + reach), context.stroke_m / max(wave - reach, 0.5))
 
     signs = (0, 0, 0, 0)

@@ -1,0 +1,406 @@
+"""The diagnosis: from recordings to a verdict, the named causes, the extended model and the gain."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import t as student
+
+from friction_estimator.core.config import Config
+from friction_estimator.core.errors import UnanswerableError
+from friction_estimator.core.sample import Bools, Floats, Ints, Samples
+from friction_estimator.diagnosis import quality
+from friction_estimator.diagnosis.base import BaseFit, fit_base, reference_of
+from friction_estimator.diagnosis.excitation import Excitation, assess
+from friction_estimator.diagnosis.floor import Burst, find_burst, noise_floor
+from friction_estimator.diagnosis.joint import Estimate, Joint, estimates, fit_joint
+from friction_estimator.diagnosis.quality import Finding
+from friction_estimator.diagnosis.record import Record, build_record
+from friction_estimator.diagnosis.remainder import Remainder, unexplained
+from friction_estimator.diagnosis.search import Search, search
+from friction_estimator.diagnosis.words import next_experiment, structural_rivals
+from friction_estimator.effects.base import EFFECTS
+from friction_estimator.effects.features import Context, FeatureMaker
+
+HELD_OUT_FOLDS = 4
+BURST_T = 3.0
+BURST_RATIO = 18.0
+LEAST_SHARE = 0.002
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What naming an effect is worth on data that the fit never saw."""
+
+    nrmse_before: float
+    nrmse_after: float
+    reduction_percent: float
+    low_percent: float
+    high_percent: float
+
+
+@dataclass(frozen=True)
+class Found:
+    """One named effect.
+
+    Attributes
+    ----------
+    name : effect id. p_value : family-wise. parameters : fitted, with intervals. gain : held-out.
+    rivals : effects that the data cannot tell from it. experiment : what would. evidence : a sentence.
+    term : its place among the model's terms, or None for an effect that is repaired rather than modelled.
+    """
+
+    name: str
+    p_value: float
+    parameters: dict[str, Estimate]
+    gain: Gain
+    rivals: tuple[str, ...]
+    experiment: str | None
+    evidence: str
+    term: int | None
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The result, with everything that figures and words need.
+
+    Attributes
+    ----------
+    verdict : effects_found, nothing_found or undecidable. effects : strongest first.
+    needs_channel : (effect id, channel). unexplained_percent : of the held-out rms, above the noise floor.
+    nrmse_holdout, noise_floor : of the base model, over the standard deviation of the measured friction.
+    detection_limit_N : effect id -> rms of the smallest change that would have been named, N.
+    models : base alone, then with each modelled effect added. remainder : what is left, or None.
+    """
+
+    verdict: str
+    excitation: Excitation
+    nrmse_holdout: float
+    noise_floor: float
+    effects: tuple[Found, ...]
+    needs_channel: tuple[tuple[str, str], ...]
+    unexplained_percent: float
+    remainder: Remainder | None
+    detection_limit_N: dict[str, float]
+    record: Record
+    raw: Record
+    context: Context
+    models: tuple[Joint, ...]
+    findings: tuple[Finding, ...]
+
+
+Progress = Callable[[str, float], None]
+
+
+def _silent(_stage: str, _part: float) -> None:
+    """Report nothing."""
+
+
+def diagnose(recordings: Sequence[Samples], config: Config, seed: int = 0, progress: Progress = _silent) -> Diagnosis:
+    """Diagnose recordings.
+
+    Parameters
+    ----------
+    recordings : one or more, in the order in which they were made. config : theory, FIR order, extension terms.
+    seed : of folds and bootstrap; the same seed gives the same result. progress : told of stage and share done.
+
+    Raises
+    ------
+    UnanswerableError : too few usable samples, or no motion.
+    """
+    progress("reading", 0.0)
+    raw = build_record(recordings, config)
+    context = raw.context(config, float(np.abs(raw.friction_N).max()))
+    excitation = assess(raw, context)
+    record, context, findings = repaired(raw, config, context)
+    lattice = next((f for f in findings if f.name == "quantization"), None)
+    coarse = lattice.power_N2 if lattice is not None and lattice.extra.get("coarse") else 0.0
+    found = search(record, config, context, seed, progress, coarse)
+    findings = _confirmed(findings, raw, found.models[-1], bool(coarse))
+    progress("measuring gains on held-out data", 0.75)
+    effects, models = _named(record, config, context, found, seed)
+    progress("noise floor and remainder", 0.85)
+    final = models[-1]
+    floor = noise_floor(record, final.residual_N)
+    burst = find_burst(record, final.residual_N)
+    spread = float(np.std(record.friction_N[record.used]))
+    base_error = _held_out_rms(record, config, context, models[0], found)
+    last_error = effects[-1].gain.nrmse_after * spread if effects else base_error
+    quality_effects = [_from_finding(f, base_error, spread) for f in findings]
+    if burst is not None and (coarse or not _is_burst(burst, floor, findings)):
+        burst = None
+    if burst is not None:
+        quality_effects.append(_from_burst(burst, base_error, spread))
+    remainder = None if coarse else unexplained(record, final, found, findings, burst, seed)
+    ordered = _ordered(effects, quality_effects, findings, burst, record)
+    asked = _asked(found, effects, remainder, context)
+    verdict = "effects_found" if ordered else "nothing_found"
+    if excitation.undecidable:
+        verdict, ordered = "undecidable", []
+    warnings = (*excitation.warnings, *found.warnings, *_base_warnings(models[0].base), *_remainder_words(remainder))
+    progress("done", 1.0)
+    return Diagnosis(
+        verdict=verdict,
+        excitation=replace(excitation, warnings=warnings),
+        nrmse_holdout=base_error / spread,
+        noise_floor=floor / spread,
+        effects=tuple(ordered),
+        needs_channel=asked,
+        unexplained_percent=100.0 * max(0.0, last_error - floor) / max(last_error, 1e-300),
+        remainder=remainder,
+        detection_limit_N=_detection_limits(found),
+        record=record,
+        raw=raw,
+        context=context,
+        models=models,
+        findings=tuple(findings),
+    )
+
+
+def repaired(raw: Record, config: Config, context: Context) -> tuple[Record, Context, list[Finding]]:
+    """Look for faults of the data; return the record with them repaired or masked, and what was found."""
+    record = raw
+    findings: list[Finding] = []
+    for test in (quality.velocity_mismatch, quality.clock_jump):
+        finding = test(record, context)
+        if finding is not None:
+            findings.append(finding)
+            record = _with_velocity(record, config, finding.velocity_m_s)
+    fit = fit_base(record, config)
+    error = float(np.mean(np.square(fit.residual_N[record.used])))
+    lattice = quality.quantization(record, error)
+    step = quality.lattice_step(record.friction_N)
+    for finding in (lattice, quality.saturation(record, step), quality.dropout(record, step)):
+        if finding is not None:
+            findings.append(finding)
+            if finding.used is not None:
+                record = record.with_force(record.friction_N, record.used & finding.used)
+    fit = fit_base(record, config)
+    error = float(np.mean(np.square(fit.residual_N[record.used])))
+    noisy = quality.velocity_noise(record, _force_slope(fit, record, context), error)
+    if noisy is not None:
+        findings.append(noisy)
+        record = _with_velocity(record, config, noisy.velocity_m_s)
+        fit = fit_base(record, config)
+    spikes = quality.outliers(record, fit.residual_N)
+    if spikes is not None:
+        findings.append(spikes)
+        record = record.with_force(record.friction_N, record.used & (spikes.used if spikes.used is not None else True))
+    if float(record.used.mean()) < 0.3:
+        raise UnanswerableError("less than a third of the samples remain after masking faults: repair the sensor first")
+    top = float(np.abs(fit.fitted_N).max())
+    return record, record.context(config, top), findings
+
+
+def _confirmed(findings: Sequence[Finding], raw: Record, final: Joint, coarse: bool) -> list[Finding]:
+    """Return the findings without outliers that the final model explains: what looked like spikes was a cause."""
+    out = []
+    for finding in findings:
+        if finding.name == "outliers" and finding.used is not None:
+            kept = raw.used & ~(~finding.used & (np.abs(final.residual_N) > 0.0))
+            back = raw.with_force(raw.friction_N, kept | ~finding.used)
+            again = None if coarse else quality.outliers(back, final.residual_N)
+            if again is None:
+                continue
+        out.append(finding)
+    return out
+
+
+def _with_velocity(record: Record, config: Config, velocity_m_s: Floats | None) -> Record:
+    """Return the record with another velocity, its features computed anew."""
+    if velocity_m_s is None:
+        return record
+    samples = replace(record.samples, velocity_m_s=velocity_m_s)
+    theory = config.theory
+    maker = FeatureMaker(theory.ambient_pressure, theory.default_pressure, theory.default_temperature)
+    return replace(record, samples=samples, features=maker(samples))
+
+
+def _force_slope(fit: BaseFit, record: Record, context: Context) -> Floats:
+    """Return dF/dv at the samples, (n,), N s/m."""
+    reference = reference_of(fit, record, context.sign_velocity_m_s)
+    f = record.features
+    step = 1e-3 * context.top_speed_m_s
+    more = reference.force(f.velocity_m_s + step, f.pressure_Pa)
+    less = reference.force(f.velocity_m_s - step, f.pressure_Pa)
+    return np.asarray((more - less) / (2.0 * step))
+
+
+def _named(
+    record: Record, config: Config, context: Context, found: Search, seed: int
+) -> tuple[list[Found], tuple[Joint, ...]]:
+    """Return the modelled effects with parameters and held-out gains, and the models after each."""
+    if not found.causes:
+        return [], found.models
+    final = found.models[-1]
+    fitted = estimates(final, record, context, seed)
+    errors = [held_out_errors(record, config, context, m, found) for m in found.models]
+    spread = float(np.std(record.friction_N[record.used]))
+    out = []
+    for i, cause in enumerate(found.causes):
+        rivals = tuple(dict.fromkeys([*cause.rivals, *structural_rivals(cause.name, record, context)]))
+        out.append(
+            Found(
+                name=cause.name,
+                p_value=cause.p_value,
+                parameters=fitted[i],
+                gain=gain_between(errors[i], errors[i + 1], record, spread),
+                rivals=rivals,
+                experiment=next_experiment(cause.name, rivals),
+                evidence=EFFECTS[cause.name].words.where,
+                term=i,
+            )
+        )
+    return out, found.models
+
+
+def held_out_errors(record: Record, config: Config, context: Context, model: Joint, found: Search) -> Floats:
+    """Return the error of the model refitted without each fold's samples, on those samples, (n,), N.
+
+    Everything is refitted, the nonlinear parameters too.
+    """
+    error = np.zeros(record.used.size)
+    fold = record.block % HELD_OUT_FOLDS
+    for number in range(HELD_OUT_FOLDS):
+        test = fold == number
+        train = record.with_force(record.friction_N, record.used & ~test)
+        fitted = fit_joint(
+            train,
+            config,
+            context,
+            model.terms,
+            start=model.base,
+            rounds=2 if model.terms else 1,
+            capacity=found.capacity,
+        )
+        error[test] = fitted.residual_N[test]
+    return error
+
+
+def _held_out_rms(record: Record, config: Config, context: Context, model: Joint, found: Search) -> float:
+    error = held_out_errors(record, config, context, model, found)
+    return float(np.sqrt(np.mean(np.square(error[record.used]))))
+
+
+def gain_between(before: Floats, after: Floats, record: Record, spread: float) -> Gain:
+    """Return the gain with its 95 % interval over blocks."""
+    one = _block_sums(np.square(before), record.block, record.used)
+    other = _block_sums(np.square(after), record.block, record.used)
+    count = float(record.used.sum())
+    nrmse_before = float(np.sqrt(one.sum() / count)) / spread
+    nrmse_after = float(np.sqrt(other.sum() / count)) / spread
+    ratio = nrmse_after / max(nrmse_before, 1e-300)
+    # d(sqrt(sum other / sum one)), block by block
+    influence = ratio / 2.0 * (other / max(other.sum(), 1e-300) - one / max(one.sum(), 1e-300))
+    error = float(np.sqrt(np.square(influence - influence.mean()).sum() * one.size / max(one.size - 1, 1)))
+    reach = 100.0 * float(student.ppf(0.975, max(one.size - 1, 1))) * error
+    reduction = 100.0 * (1.0 - ratio)
+    return Gain(nrmse_before, nrmse_after, reduction, reduction - reach, reduction + reach)
+
+
+def _block_sums(values: Floats, block: Ints, used: Bools) -> Floats:
+    return np.asarray(np.bincount(block, weights=values * used), np.float64)
+
+
+def _is_burst(burst: Burst, floor: float, findings: Sequence[Finding]) -> bool:
+    noisy = any(f.name == "velocity_noise" for f in findings)
+    return (
+        not noisy
+        and burst.t_value > BURST_T
+        and burst.likelihood_ratio > BURST_RATIO
+        and burst.power_N2 > LEAST_SHARE * floor * floor
+    )
+
+
+def _from_finding(finding: Finding, error_N: float, spread: float) -> Found:
+    """Return a fault of the data as an effect; nothing is predicted better, so its gain is what it no longer costs."""
+    after = error_N / spread
+    before = float(np.sqrt(error_N**2 + finding.power_N2)) / spread if finding.power_N2 else after
+    if finding.name in ("quantization", "velocity_noise"):  # still in the data
+        before = after
+    reduction = 100.0 * (1.0 - after / max(before, 1e-300))
+    return Found(
+        name=finding.name,
+        p_value=finding.p_value,
+        parameters={k: Estimate(v, unit, low, high) for k, (v, unit, low, high) in finding.values.items()},
+        gain=Gain(before, after, reduction, reduction, reduction),
+        rivals=(),
+        experiment=None,
+        evidence=finding.words,
+        term=None,
+    )
+
+
+def _from_burst(burst: Burst, error_N: float, spread: float) -> Found:
+    nrmse = error_N / spread
+    a, d = burst.amplitude_N, burst.decay_s
+    return Found(
+        name="stick_slip",
+        p_value=1e-6,
+        parameters={
+            "amplitude": Estimate(a, "N", a - burst.amplitude_reach_N, a + burst.amplitude_reach_N),
+            "decay": Estimate(d, "s", d - burst.decay_reach_s, d + burst.decay_reach_s),
+        },
+        gain=Gain(nrmse, nrmse, 0.0, 0.0, 0.0),
+        rivals=(),
+        experiment=None,
+        evidence="the residual varies from cycle to cycle, most just after reversals",
+        term=None,
+    )
+
+
+def _ordered(
+    effects: Sequence[Found],
+    faults: Sequence[Found],
+    findings: Sequence[Finding],
+    burst: Burst | None,
+    record: Record,
+) -> list[Found]:
+    """Return all effects, strongest first: by the power of the error that each makes."""
+    spread = float(np.std(record.friction_N[record.used]))
+    power = {f.name: f.power_N2 for f in findings}
+    if burst is not None:
+        power["stick_slip"] = burst.power_N2
+
+    def strength(found: Found) -> float:
+        if found.term is None:
+            # Faults that mask or distort whole samples come first whatever their power.
+            return power.get(found.name, 0.0) or 1e300
+        return float((found.gain.nrmse_before**2 - found.gain.nrmse_after**2) * spread**2)
+
+    return sorted([*effects, *faults], key=lambda e: -strength(e))
+
+
+def _asked(
+    found: Search, effects: Sequence[Found], remainder: Remainder | None, context: Context
+) -> tuple[tuple[str, str], ...]:
+    """Return the channels that would let a suspected effect be named."""
+    out = [(name, EFFECTS[name].channel) for name in found.asked]
+    suspicious = {"gain_step", "wear", "viscosity_drift", "saturation"}
+    if "pressure" not in context.channels and (remainder is not None or suspicious & {e.name for e in effects}):
+        out.append(("pressure_dependence", "pressure"))
+    return tuple(dict.fromkeys(out))
+
+
+def _base_warnings(base: BaseFit) -> list[str]:
+    if base.condition > 3.0:
+        return [f"the fitted FIR differentiates (sum|h|/|sum h| = {base.condition:.1f}): its taps are not physical"]
+    return []
+
+
+def _remainder_words(remainder: Remainder | None) -> list[str]:
+    return [] if remainder is None else [remainder.words]
+
+
+def _detection_limits(found: Search) -> dict[str, float]:
+    """Return the rms of the smallest change of each effect that the gate would have let through, N."""
+    evidence = found.last_evidence
+    out = {}
+    for item in found.screened:
+        moments = item.hypothesis.moments
+        inner, _ = evidence.projected(moments)
+        shown = float(np.trace(inner)) / max(float(np.trace(moments.xx.sum(0))), 1e-300)
+        need = max(found.thresholds[item.name in ("position_dependence", "periodic_disturbance")], 1e-300)
+        need = max(need, LEAST_SHARE * float(evidence.ee.sum()))
+        out[item.name] = float(np.sqrt(need / evidence.samples / max(shown, 1e-9)))
+    return out

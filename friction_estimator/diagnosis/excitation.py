@@ -1,0 +1,112 @@
+"""What a recording can and cannot show."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from friction_estimator.core.sample import Floats
+from friction_estimator.diagnosis.record import FEWEST_BLOCKS, Record
+from friction_estimator.effects.features import Context
+
+FEWEST_REVERSALS = 4
+ONE_SPEED = 0.12
+"""Speeds within this share of each other count as one."""
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """Facts for the report.
+
+    Attributes
+    ----------
+    cycles, reversals : counted. velocity_range : m/s. channels : recorded beyond the stamps.
+    warnings : in words. undecidable : True where no verdict can be given.
+    """
+
+    cycles: int
+    velocity_range: tuple[float, float]
+    reversals: int
+    channels: tuple[str, ...]
+    warnings: tuple[str, ...]
+    undecidable: bool
+
+
+def assess(record: Record, context: Context) -> Excitation:
+    """Say what the drive excites."""
+    v = record.features.velocity_m_s
+    warnings: list[str] = []
+    undecidable = record.reversals < FEWEST_REVERSALS or record.blocks < FEWEST_BLOCKS
+    if undecidable:
+        warnings.append(
+            f"{record.reversals} reversals in {record.blocks} blocks are too few to tell causes apart: record at least "
+            f"{FEWEST_BLOCKS} strokes"
+        )
+    levels = speed_levels(v)
+    if levels:
+        shown = " and ".join(f"{level:+.3g}" for level in levels)
+        warnings.append(
+            f"the shaft runs at {len(levels)} speeds only ({shown} m/s): two speeds do not identify the curve F(v)"
+            if len(levels) == 2
+            else f"the shaft runs at {len(levels)} speed only ({shown} m/s): one speed does not identify the curve F(v)"
+        )
+    if len(context.periods_s) == 1 and not levels:
+        warnings.append(
+            f"one drive period only ({context.periods_s[0]:.3g} s): time and distance are hard to tell apart"
+        )
+    order = pressure_order(record)
+    if order:
+        warnings.append(order)
+    return Excitation(
+        cycles=record.cycles,
+        velocity_range=(float(v.min()), float(v.max())),
+        reversals=record.reversals,
+        channels=("velocity", "friction", *context.channels),
+        warnings=tuple(warnings),
+        undecidable=undecidable,
+    )
+
+
+def speed_levels(velocity_m_s: Floats) -> list[float]:
+    """Return the few speeds at which a shaft runs nearly all of its moving time; empty where it covers a range."""
+    top = float(np.quantile(np.abs(velocity_m_s), 0.99))
+    if top <= 0.0:
+        return []
+    found: list[float] = []
+    covered = 0
+    moving = velocity_m_s[np.abs(velocity_m_s) > 0.15 * top]
+    for side in (moving[moving > 0.0], moving[moving < 0.0]):
+        if side.size < 0.05 * moving.size:
+            continue
+        middle = float(np.median(side))
+        near = np.abs(side - middle) < 2.5 * ONE_SPEED * abs(middle)
+        covered += int(near.sum())
+        found.append(middle)
+    return found if moving.size and covered > 0.85 * moving.size else []
+
+
+def pressure_levels(record: Record) -> list[float]:
+    """Return the pressures of the record in the order in which they were set, Pa; runs of one level count once."""
+    p = record.features.pressure_Pa
+    span = float(np.ptp(p))
+    if span < 0.05 * max(float(np.abs(p).max()), 1.0):
+        return []
+    means = np.array([float(np.median(p[record.block == b])) for b in range(record.blocks)])
+    order = [float(means[0])]
+    for value in means[1:]:
+        if abs(value - order[-1]) > 0.1 * span:
+            order.append(float(value))
+    return order
+
+
+def pressure_order(record: Record) -> str:
+    """Return a warning where each pressure occurs once, in one order; empty where pressures come back."""
+    order = pressure_levels(record)
+    if len(order) < 2:
+        return ""
+    steps = np.sign(np.diff(order))
+    if len(set(steps.tolist())) > 1:
+        return ""
+    return (
+        "each pressure occurs once, in one order: pressure cannot be told from drift or a step in time; "
+        "randomise the order and come back to the first"
+    )

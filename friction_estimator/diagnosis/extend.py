@@ -1,0 +1,85 @@
+"""The extended model: base and named terms as a configuration that every verb and the live node accept."""
+
+import numpy as np
+
+from friction_estimator.core.basis import basis_from_config
+from friction_estimator.core.config import Config
+from friction_estimator.core.derive import with_recorded_units
+from friction_estimator.core.sample import Floats
+from friction_estimator.diagnosis.base import BEND, BaseFit
+from friction_estimator.diagnosis.diagnose import Diagnosis
+from friction_estimator.diagnosis.joint import Joint
+from friction_estimator.effects.base import EFFECTS
+from friction_estimator.effects.extension import TermSpec
+
+CURVE_POINTS = 3001
+RIDGE = 1e-7
+
+
+def extended_config(result: Diagnosis, config: Config) -> Config:
+    """Return the configuration of the base model with the named terms, warm with everything that was fitted.
+
+    The base's odd splines are projected on the wavelet basis over the recorded velocities; the FIR and the theory's
+    gain are taken over as they are. A clipped sensor becomes a saturation term of coefficient one.
+    """
+    model = result.models[-1]
+    units = with_recorded_units(config, result.record.features.velocity_m_s, result.record.friction_N)
+    base = model.base
+    structure: dict[str, object] = {
+        "model.type": "parallel" if base.theory is not None else "hammerstein",
+        "basis.companding": BEND,
+        "fir.order": int(base.taps.size),
+        "extension.terms": (),
+        "learned.fir_taps": (),
+        "learned.theory_taps": (),
+        "learned.wavelet_weights": (),
+        "learned.extension_weights": (),
+    }
+    units = units.updated(structure)
+    specs, weights = terms_of(model)
+    for finding in result.findings:
+        if finding.name == "saturation":
+            level = finding.values["level"][0]
+            specs.append(TermSpec(EFFECTS["saturation"], {"level": level}))
+            weights.append(1.0)
+    shape = np.concatenate([[1.0], base.taps])
+    norm = float(np.linalg.norm(shape))
+    learned: dict[str, object] = {
+        "learned.fir_taps": tuple((shape / norm).tolist()),
+        "learned.wavelet_weights": tuple((projected_curve(base, units) * norm).tolist()),
+        "extension.terms": tuple(spec.text for spec in specs),
+        "learned.extension_weights": tuple(weights),
+    }
+    if base.theory is not None:
+        learned["learned.theory_taps"] = tuple((base.theory_gain * shape).tolist())
+    return units.updated(learned)
+
+
+def terms_of(model: Joint) -> tuple[list[TermSpec], list[float]]:
+    """Return the terms of a model, one for each column, each scaled to an rms of 1 N, and their coefficients."""
+    specs: list[TermSpec] = []
+    weights: list[float] = []
+    for term in model.terms:
+        columns = term.effect.columns(term.params)(model.features, model.reference)
+        for part in range(columns.shape[1]):
+            scale = float(np.sqrt(np.mean(np.square(columns[:, part])))) or 1.0
+            specs.append(TermSpec(term.effect, dict(term.params), part, scale))
+            weights.append(float(term.weights[part]) * scale)
+    return specs, weights
+
+
+def projected_curve(base: BaseFit, config: Config) -> Floats:
+    """Return wavelet weights (size,), in units of `force_unit`, of the base's odd curve."""
+    basis = basis_from_config(config.basis)
+    low, high = config.basis.velocity_range
+    top = base.curve.top
+    grid = base.curve.bend * np.sinh(np.linspace(-1.0, 1.0, CURVE_POINTS) * np.arcsinh(BEND))
+    grid = grid[(grid >= low) & (grid <= high)]
+    grid = np.clip(grid, -top, top)
+    index, value = basis.rows(grid)
+    psi = np.zeros((grid.size, basis.size))
+    np.put_along_axis(psi, index.astype(np.int64), value, axis=1)
+    target = base.curve(grid) @ base.weights / config.force_unit
+    gram = psi.T @ psi
+    gram += RIDGE * float(np.trace(gram)) / basis.size * np.eye(basis.size)
+    return np.asarray(np.linalg.solve(gram, psi.T @ target))

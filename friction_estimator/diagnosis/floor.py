@@ -1,0 +1,268 @@
+"""The noise floor, measured: what does not repeat from cycle to cycle, and how it is distributed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from friction_estimator.core.sample import Floats, Ints
+from friction_estimator.diagnosis.evidence import Evidence
+from friction_estimator.diagnosis.record import Record, reversals
+
+SAME_PERIOD = 0.01
+SAME_PRESSURE = 0.03
+APART_S = 0.5
+
+
+def pairs(record: Record) -> tuple[Ints, Ints]:
+    """Return pairs of samples that a deterministic system would make equal, (m,), (m,).
+
+    With a periodic drive: the same phase of neighbouring cycles of equal length and pressure. Otherwise: nearest
+    neighbours in velocity, acceleration, position and pressure, at least half a second apart.
+    """
+    turns = reversals(record.features.velocity_m_s, record.restart)
+    first, second = _cycle_pairs(record, turns)
+    if first.size > 0.4 * record.used.size:
+        return first, second
+    return _neighbours(record)
+
+
+def _cycle_pairs(record: Record, turns: Ints) -> tuple[Ints, Ints]:
+    time, pressure = record.features.time_s, record.features.pressure_Pa
+    a: list[Ints] = []
+    b: list[Ints] = []
+    v = record.features.velocity_m_s
+
+    def crossing(k: int) -> float:
+        if k == 0 or v[k] == v[k - 1]:
+            return float(time[k])
+        return float(time[k] - v[k] * (time[k] - time[k - 1]) / (v[k] - v[k - 1]))
+
+    for start, middle, stop in zip(turns[:-4:2], turns[2:-2:2], turns[4::2], strict=False):
+        one, other = crossing(middle) - crossing(start), crossing(stop) - crossing(middle)
+        level = pressure[middle]
+        if abs(one - other) > SAME_PERIOD * one or record.restart[start:stop].any():
+            continue
+        if np.ptp(pressure[start:stop]) > SAME_PRESSURE * max(abs(level), 1.0):
+            continue
+        here = np.arange(start, middle)
+        wanted = time[here] + one
+        after: Ints = np.asarray(np.searchsorted(time, wanted), np.int64)
+        early = np.abs(np.take(time, after - 1, mode="clip") - wanted)
+        late = np.abs(np.take(time, after, mode="clip") - wanted)
+        there = after - (early < late).astype(np.int64)
+        keep = there < time.size
+        a.append(here[keep])
+        b.append(there[keep])
+    if not a:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    return np.concatenate(a), np.concatenate(b)
+
+
+def _neighbours(record: Record) -> tuple[Ints, Ints]:
+    f = record.features
+    place = [f.velocity_m_s, f.acceleration_m_s2, f.position_m, f.pressure_Pa, np.sign(f.velocity_m_s)]
+    points = np.column_stack([p / (np.std(p) or 1.0) for p in place])
+    chosen = np.flatnonzero(record.used)
+    chosen = chosen[:: max(1, chosen.size // 20000)]
+    found = cKDTree(points[chosen]).query(points[chosen], k=12)[1]
+    apart = np.abs(f.time_s[chosen][found] - f.time_s[chosen][:, None]) > APART_S
+    some = apart.any(axis=1)
+    nearest = found[np.arange(len(chosen)), np.argmax(apart, axis=1)]
+    return chosen[some], chosen[nearest[some]]
+
+
+def incoherent(record: Record, residual_N: Floats) -> tuple[Floats, Ints]:
+    """Return differences of paired residuals over sqrt 2, (m,), N, and the samples that they belong to."""
+    first, second = pairs(record)
+    keep = record.used[first] & record.used[second]
+    first, second = first[keep], second[keep]
+    return (residual_N[first] - residual_N[second]) / np.sqrt(2.0), first
+
+
+def noise_floor(record: Record, residual_N: Floats) -> float:
+    """Return the rms of the noise, N: of what does not repeat."""
+    difference, _ = incoherent(record, residual_N)
+    if difference.size < 50:
+        return float(np.sqrt(np.mean(np.square(residual_N[record.used]))))
+    return float(np.sqrt(np.mean(np.square(difference))))
+
+
+@dataclass(frozen=True)
+class Burst:
+    """Variance after reversals that does not repeat.
+
+    Attributes
+    ----------
+    decay_s : time over which it decays. power_N2 : of the bursts, over the record. amplitude_N : at the reversal.
+    t_value : of the variance's dependence, over blocks.
+    likelihood_ratio : 2 log of it against even variance, halved since neighbouring pairs share samples.
+    """
+
+    decay_s: float
+    power_N2: float
+    amplitude_N: float
+    amplitude_reach_N: float
+    decay_reach_s: float
+    t_value: float
+    likelihood_ratio: float
+
+
+DECAYS_S = (0.01, 0.02, 0.04, 0.06, 0.09, 0.13, 0.2, 0.3, 0.45)
+
+
+def find_burst(record: Record, residual_N: Floats) -> Burst | None:
+    """Regress the incoherent variance on exp(-2 t_rev / decay), block by block."""
+    difference, where = incoherent(record, residual_N)
+    if difference.size < 500:
+        return None
+    power = np.square(difference)
+    since = record.features.since_reversal_s[where]
+    known = np.isfinite(since)
+    power, since, block = power[known], since[known], record.block[where][known]
+    cap = 30.0 * float(np.median(power)) / 0.4549
+    best: float | None = None
+    best_gain = 0.0
+    for decay in DECAYS_S:
+        shape = np.exp(-2.0 * since / decay)
+        spread = shape - shape.mean()
+        clipped = np.minimum(power, cap)
+        slopes = []
+        for number in np.unique(block):
+            inside = block == number
+            mine = shape[inside] - shape[inside].mean()
+            energy = float(mine @ mine)
+            if energy > 1e-3 * float(spread @ spread) / record.blocks:
+                slopes.append((float(mine @ clipped[inside]) / energy, energy))
+        if len(slopes) < 6:
+            continue
+        values, energies = np.array(slopes).T
+        weight = energies / energies.sum()
+        mean = float(weight @ values)
+        error = float(np.sqrt(np.square(weight) @ np.square(values - mean)) * np.sqrt(len(values) / (len(values) - 1)))
+        t_value = mean / max(error, 1e-300)
+        gain = mean * mean * float(spread @ spread)
+        if mean > 0.0 and gain > best_gain:
+            best_gain = gain
+            best = t_value
+    return None if best is None else _burst_of(since, power, best)
+
+
+def _burst_of(since: Floats, power: Floats, t_value: float) -> Burst:
+    """Fit var(t_rev) = s^2 + A^2 / 2 exp(-2 t_rev / decay) to the mean power in bins, by the Gaussian likelihood.
+
+    -2 log L = sum_bins n_bin (log m + p / m) for mean power p and model m; intervals where it rises by 4, twice what
+    independent samples would need.
+    """
+    edges = np.unique(np.quantile(since, np.linspace(0.0, 1.0, 161)))
+    cell = np.clip(np.searchsorted(edges, since, side="right") - 1, 0, edges.size - 2)
+    count = np.bincount(cell, minlength=edges.size - 1).astype(np.float64)
+    keep = count > 0
+    mean = np.bincount(cell, weights=power, minlength=edges.size - 1)[keep] / count[keep]
+    when = np.bincount(cell, weights=since, minlength=edges.size - 1)[keep] / count[keep]
+    count = count[keep]
+    usual = float(np.quantile(mean, 0.4))
+    decays = np.geomspace(0.005, 1.0, 60)
+    heights = usual * np.geomspace(0.02, 5e3, 120)
+    losses = np.full((decays.size, heights.size), np.inf)
+    for floor in usual * np.linspace(0.85, 1.1, 6):
+        for i, decay in enumerate(decays):
+            model = floor + heights[:, None] * np.exp(-2.0 * when / decay)
+            losses[i] = np.minimum(losses[i], (np.log(model) + mean / model) @ count)
+    flat = float(mean @ count / count.sum())
+    ratio = float(count.sum() * (np.log(flat) + 1.0) - losses.min())
+    best = np.unravel_index(int(np.argmin(losses)), losses.shape)
+    inside = losses <= losses.min() + 8.0
+    decay, height = float(decays[best[0]]), float(heights[best[1]])
+    likely = decays[inside.any(axis=1)]
+    high = np.sqrt(2.0 * heights[inside.any(axis=0)])
+    amplitude = float(np.sqrt(2.0 * height))
+    return Burst(
+        decay_s=decay,
+        power_N2=height * float(np.mean(np.exp(-2.0 * since / decay))),
+        amplitude_N=amplitude,
+        amplitude_reach_N=float(max(high.max() - amplitude, amplitude - high.min(), 0.1 * amplitude)),
+        decay_reach_s=float(max(likely.max() - decay, decay - likely.min(), 0.1 * decay)),
+        t_value=t_value,
+        likelihood_ratio=0.5 * ratio,
+    )
+
+
+VARIABLES = (
+    "velocity_m_s",
+    "acceleration_m_s2",
+    "position_m",
+    "since_reversal_m",
+    "since_reversal_s",
+    "time_s",
+    "distance_m",
+    "pressure_Pa",
+    "force_N",
+)
+BINS = 20
+
+
+def binned(record: Record, values: Floats, signed: bool) -> Floats:
+    """Return indicators of quantile bins, (n, bins); `signed` gives each direction of motion its own."""
+    finite = np.isfinite(values)
+    known = values[finite]
+    edges = np.unique(np.quantile(known, np.linspace(0.0, 1.0, BINS + 1)[1:-1]))
+    cell = np.searchsorted(edges, np.where(finite, values, known.max()), side="right")
+    count = int(cell.max()) + 1
+    if signed:
+        cell = cell + count * (record.features.velocity_m_s > 0.0)
+        count *= 2
+    out = np.zeros((values.size, count))
+    out[np.arange(values.size), cell] = 1.0
+    return out[:, out.sum(axis=0) > 30]
+
+
+def remainder_columns(record: Record, force_N: Floats) -> dict[str, Floats]:
+    """Return for each revealing variable the columns of an arbitrary dependence on it, in each direction of motion."""
+    f = record.features
+    out = {}
+    for name in VARIABLES:
+        values = force_N if name == "force_N" else getattr(f, name)
+        if np.ptp(values[np.isfinite(values)]) <= 1e-9 * float(np.abs(values[np.isfinite(values)]).max() or 1.0):
+            continue
+        signed = name not in ("velocity_m_s", "force_N")
+        out[name] = binned(record, values, signed)
+    return out
+
+
+def variance_dependence(
+    record: Record, residual_N: Floats, evidence: Evidence, names: Sequence[str] = VARIABLES
+) -> tuple[str, float] | None:
+    """Return the variable on which the size of the residual depends most, and the share of its power, or None.
+
+    The log of the residual's power, averaged in bins, is compared with its scatter over blocks; a family-wise
+    1 % holds over all bins of all variables.
+    """
+    f = record.features
+    power = np.square(residual_N)
+    power = np.minimum(power, 40.0 * float(np.median(power[record.used])) / 0.4549)
+    total = float(power[record.used].mean())
+    best: tuple[str, float] | None = None
+    best_t = 6.5
+    for name in names:
+        values = getattr(f, name) if name != "force_N" else None
+        if values is None or np.ptp(values[np.isfinite(values)]) == 0.0:
+            continue
+        bins = binned(record, np.abs(values), False) > 0.5
+        for inside in bins.T:
+            rows = inside & record.used
+            per = np.array(
+                [
+                    power[rows & (record.block == b)].mean()
+                    for b in range(evidence.blocks)
+                    if (rows & (record.block == b)).sum() > 5
+                ]
+            )
+            if per.size < 6:
+                continue
+            t_value = (per.mean() - total) / max(per.std(ddof=1) / np.sqrt(per.size), 1e-300)
+            share = float((per.mean() - total) * rows.mean() / total)
+            if t_value > best_t and share > 0.01:
+                best_t, best = t_value, (name, share)
+    return best

@@ -1,0 +1,125 @@
+"""What no named cause explains: on which variable it depends, and how much of the excess it is."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from friction_estimator.diagnosis.evidence import Rule, null_maximum
+from friction_estimator.diagnosis.floor import Burst, remainder_columns, variance_dependence
+from friction_estimator.diagnosis.joint import Joint
+from friction_estimator.diagnosis.library import spectral_lines
+from friction_estimator.diagnosis.quality import SPIKE, Finding, local_scale
+from friction_estimator.diagnosis.record import Record
+from friction_estimator.diagnosis.search import FLIPS, LEVEL, Search
+
+PARTIAL = 0.30
+"""Share of the excess over the noise that must be left for the answer to be called partial."""
+
+LEAST_SHARE = 0.003
+SPECTRUM = "frequency"
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """A dependence that nothing named explains.
+
+    Attributes
+    ----------
+    variable : field of `Features`, or "frequency". share : of the excess error power. kind : mean or variance.
+    words : a sentence. frequency_hz : of the line, where there is one.
+    """
+
+    variable: str
+    share: float
+    kind: str
+    words: str
+    frequency_hz: float = 0.0
+
+
+NAMES = {
+    "velocity_m_s": "velocity",
+    "acceleration_m_s2": "acceleration",
+    "position_m": "position",
+    "since_reversal_m": "distance since the last reversal",
+    "since_reversal_s": "time since the last reversal",
+    "time_s": "time",
+    "distance_m": "distance run",
+    "pressure_Pa": "pressure",
+    "force_N": "force",
+    "frequency": "frequency",
+}
+
+
+def unexplained(
+    record: Record,
+    joint: Joint,
+    found: Search,
+    findings: Sequence[Finding],
+    burst: Burst | None,
+    seed: int,
+) -> Remainder | None:
+    """Return the strongest dependence that is left, or None.
+
+    Bins of each variable, in each direction of motion, are hypotheses like any other: held-out gain against the
+    same bootstrap, family-wise over the variables.
+    """
+    evidence = joint.evidence(record, seed)
+    groups = remainder_columns(record, joint.features.force_N)
+    moments = {name: evidence.moments(columns) for name, columns in groups.items()}
+    rules = {name: Rule((0,) * columns.shape[1]) for name, columns in groups.items()}
+    null = null_maximum(evidence, [evidence.projected(m) for m in moments.values()], list(rules.values()), FLIPS)
+    gains = {n: float(evidence.cross_validated(m, rules[n]).sum()) for n, m in moments.items()}
+    explained = sum(c.gain for c in found.causes)
+    explained += evidence.samples * sum(f.power_N2 for f in findings)
+    explained += evidence.samples * (burst.power_N2 if burst is not None else 0.0)
+    total = float(evidence.ee.sum())
+    best = max(gains, key=lambda n: gains[n])
+    quantile = float(np.quantile(null, 1.0 - LEVEL))
+    # The bootstrap keeps what the variable explains: its own share is taken out of the threshold.
+    noise = total / evidence.samples
+    threshold = max(min(quantile, 4.0 * noise * moments[best].xe.shape[1] + 30.0 * noise), LEAST_SHARE * total)
+    if gains[best] > threshold and gains[best] > PARTIAL * (explained + gains[best]):
+        share = gains[best] / (explained + gains[best])
+        return Remainder(best, share, "mean", _sentence(best, share, "the mean residual"))
+    line = _line(record, joint)
+    if line is not None and line[1] > PARTIAL * (explained + line[1]) and line[1] > LEAST_SHARE * total:
+        share = line[1] / (explained + line[1])
+        words = f"{100 * share:.0f} % of the excess is unexplained: a line at {line[0]:.4g} Hz"
+        return Remainder(SPECTRUM, share, "mean", words, line[0])
+    explained_variance = {f.name for f in findings} & {"velocity_noise", "outliers", "quantization"}
+    if burst is not None:
+        explained_variance.add("stick_slip")
+    if not explained_variance and not found.causes:
+        dependent = variance_dependence(record, joint.residual_N, evidence)
+        if dependent is not None:
+            return Remainder(
+                dependent[0], dependent[1], "variance", _sentence(dependent[0], dependent[1], "the scatter")
+            )
+        size = np.abs(joint.residual_N) / local_scale(record, joint.residual_N)
+        spikes = int((size[record.used] > SPIKE).sum())
+        if spikes >= 6:
+            words = f"{spikes} samples are far outside the scatter of the rest, at no particular place"
+            return Remainder("time_s", 0.0, "variance", words)
+    return None
+
+
+def _sentence(variable: str, share: float, what: str) -> str:
+    left = f"{100 * share:.0f} % of the excess is explained by no named cause"
+    return f"{what} still depends on {NAMES[variable]}: {left}"
+
+
+def _line(record: Record, joint: Joint) -> tuple[float, float] | None:
+    """Return frequency and gain of a spectral line that stands out of its surroundings, family-wise 0.1 %."""
+    f = record.features
+    residual = joint.residual_N * record.used
+    step = float(np.median(f.step_s[f.step_s > 0.0]))
+    lines = spectral_lines(residual, f.time_s, step, 1)
+    if not lines:
+        return None
+    angle = 2.0 * np.pi * lines[0] * f.time_s
+    wave = np.column_stack([np.cos(angle), np.sin(angle)])[record.used]
+    weights = np.linalg.lstsq(wave, residual[record.used], rcond=None)[0]
+    gain = float(np.square(wave @ weights).sum())
+    noise = float(np.mean(np.square(residual[record.used])))
+    return (lines[0], gain) if gain > 2.0 * noise * np.log(record.used.size / 1e-3) * 1.5 else None

@@ -1,0 +1,235 @@
+"""The extended model: terms of `extension.terms` as columns that the estimator runs beside the base model.
+
+A term is `NAME:key=value,...`: an effect's id, the parameters of its regressor, `part` (which of its columns, from 0)
+and `scale` (what the column is divided by, so that its coefficient is in N). The reference curve that dynamic terms
+are made from is the configuration's own: theory and learned weights at construction, frozen. Batch and
+sample-by-sample use give the same numbers, since every column is a causal machine that carries its state.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from friction_estimator.core.basis import basis_from_config
+from friction_estimator.core.config import Config
+from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.sample import Floats, Samples
+from friction_estimator.core.theory import theory_from_config
+from friction_estimator.core.theory_seal import SealCurve
+from friction_estimator.effects.base import EFFECTS, Columns, Effect, RunningForce
+from friction_estimator.effects.features import FeatureMaker
+from friction_estimator.effects.reference import Reference, Surface
+
+PART, SCALE = "part", "scale"
+
+SIGN_SHARE = 20.0
+SIGN_SHARE_WITHOUT_THEORY = 60.0
+"""v_s is the theory's, at most the top speed over SIGN_SHARE; without a theory the top speed over the latter."""
+
+PRESSURE_NODES = 9
+HIGHEST_PRESSURE = 20e6
+"""Gauge pressures from 0 to this are tabulated where the theory depends on pressure, Pa."""
+
+DERIVATIVE_STEP = 0.02
+
+
+@dataclass(frozen=True)
+class TermSpec:
+    """One term of `extension.terms`: an effect, its parameters, which column, and its scale."""
+
+    effect: type[Effect]
+    params: dict[str, float]
+    part: int = 0
+    scale: float = 1.0
+
+    @property
+    def text(self) -> str:
+        """The term as `parse_term` reads it."""
+        keys = [f"{k}={v!r}" for k, v in self.params.items()]
+        keys += [f"{PART}={self.part}", f"{SCALE}={self.scale!r}"]
+        return f"{self.effect.name}:{','.join(keys)}"
+
+
+def parse_term(text: str) -> TermSpec:
+    """Return the term that a line of `extension.terms` describes.
+
+    Raises
+    ------
+    ConfigError : unknown effect, an effect without a regressor, a missing or malformed parameter; one line.
+
+    Examples
+    --------
+    >>> parse_term("side_spring:centre=0.0").effect.name
+    'side_spring'
+    """
+    name, _, rest = text.strip().partition(":")
+    cls = EFFECTS[name.strip()]
+    values: dict[str, float] = {}
+    for item in filter(None, (p.strip() for p in rest.split(","))):
+        key, equals, value = item.partition("=")
+        try:
+            number = float(value) if equals else float("nan")
+        except ValueError:
+            number = float("nan")
+        if not np.isfinite(number):
+            raise ConfigError(f"extension.terms: {text!r}: {item!r} is not key=number")
+        values[key.strip()] = number
+    part, scale = values.pop(PART, 0.0), values.pop(SCALE, 1.0)
+    if part < 0.0 or part != int(part) or scale == 0.0:
+        raise ConfigError(f"extension.terms: {text!r}: part is a whole number from 0, scale is not 0")
+    try:
+        columns = cls.columns(values)
+    except NotImplementedError:
+        raise ConfigError(f"extension.terms: {text!r}: {cls.name} has no regressor") from None
+    except KeyError as missing:
+        raise ConfigError(f"extension.terms: {text!r}: {missing.args[0]} is missing") from None
+    if int(part) >= columns.size:
+        raise ConfigError(f"extension.terms: {text!r}: {cls.name} has {columns.size} columns, part counts from 0")
+    missing_key = _missing(columns)
+    if missing_key:
+        raise ConfigError(f"extension.terms: {text!r}: {missing_key} is missing")
+    return TermSpec(cls, values, int(part), scale)
+
+
+def _missing(columns: Columns) -> str:
+    """Return the first parameter that the columns ask for and the term lacks, or nothing."""
+    empty = Samples(np.zeros(1, np.int64), np.zeros(1), np.zeros(1), np.ones(1, np.bool_))
+    features = FeatureMaker(0.0, 0.0, 20.0)(empty)
+    flat = Reference(np.zeros((4, 1, 3)), np.zeros(1), 1.0, 1.0, 1.0)
+    try:
+        columns(features, flat)
+    except KeyError as missing:
+        return str(missing.args[0])
+    finally:
+        columns.restart()
+    return ""
+
+
+class ExtensionTerms:
+    """Columns of the extended model (the estimator's `Extension`).
+
+    Parameters
+    ----------
+    config : `extension.terms`, theory, basis and learned weights; `basis.velocity_range` must be set.
+
+    Raises
+    ------
+    ConfigError : a term that cannot be used.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self._specs = [parse_term(text) for text in config.extension.terms]
+        theory = config.theory
+        self._make = FeatureMaker(theory.ambient_pressure, theory.default_pressure, theory.default_temperature)
+        self._reference = reference_from_config(config)
+        self._running = RunningForce(self._reference)
+        self._columns: list[Columns] = []
+        self._place: list[int] = []
+        known: dict[tuple[str, tuple[tuple[str, float], ...]], int] = {}
+        for spec in self._specs:
+            key = spec.effect.name, tuple(sorted(spec.params.items()))
+            if key not in known:
+                known[key] = len(self._columns)
+                self._columns.append(spec.effect.columns(spec.params))
+            self._place.append(known[key])
+
+    @property
+    def size(self) -> int:
+        """Number of columns: one for each term."""
+        return len(self._specs)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Effect id of each term."""
+        return tuple(spec.effect.name for spec in self._specs)
+
+    def columns(self, samples: Samples, theory_N: Floats) -> Floats:  # noqa: ARG002 - the estimator's interface
+        """Return the columns for the next samples, (n, size), N per unit coefficient."""
+        features = self._running(self._make(samples))
+        groups = [columns(features, self._reference) for columns in self._columns]
+        out = np.empty((len(samples), self.size))
+        for i, (spec, place) in enumerate(zip(self._specs, self._place, strict=True)):
+            out[:, i] = groups[place][:, spec.part] / spec.scale
+        return out
+
+    def restart(self) -> None:
+        """Forget the past: the next sample is the first."""
+        self._make.restart()
+        self._running.restart()
+        for columns in self._columns:
+            columns.restart()
+
+
+def extension_from_config(config: Config) -> ExtensionTerms | None:
+    """Return the extension that `extension.terms` asks for, or None where it is empty.
+
+    Raises
+    ------
+    ConfigError : a term that cannot be used.
+    """
+    return ExtensionTerms(config) if config.extension.terms else None
+
+
+def sign_velocity(config: Config, top_m_s: float) -> float:
+    """Return v_s of the smooth sign for a drive of this top speed, m/s."""
+    if config.theory.kind == "seal":
+        return min(config.seal.sign_velocity, top_m_s / SIGN_SHARE)
+    return top_m_s / SIGN_SHARE_WITHOUT_THEORY
+
+
+def reference_from_config(config: Config) -> Reference:
+    """Return the reference tables of a configuration: theory and g with their learned gains, and the FIR's shape.
+
+    Cold (nothing learned) it is the theory alone, or without one a Coulomb curve of one `force_unit`.
+    """
+    top = max(abs(v) for v in config.basis.velocity_range) if config.basis.velocity_range else 0.15
+    smooth = sign_velocity(config, top)
+    theory = theory_from_config(config)
+    learned = config.learned
+    taps = np.array(learned.fir_taps or (1.0,))
+    theory_gain = float(np.sum(learned.theory_taps)) if learned.theory_taps else 1.0
+    warm = config.theory.default_temperature
+    basis = basis_from_config(config.basis) if learned.wavelet_weights and config.basis.velocity_range else None
+    weights = np.array(learned.wavelet_weights)
+    unit = config.force_unit or 1.0
+
+    def force(v: Floats, p: Floats) -> Floats:
+        total = np.zeros(v.size)
+        if theory is not None:
+            total += theory_gain * theory.evaluate(v, p, np.full(v.size, warm))
+        if basis is not None:
+            index, value = basis.rows(v)
+            total += unit * float(taps.sum()) * np.sum(weights[index] * value, axis=1)
+        elif theory is None:
+            total += unit * np.tanh(v / smooth)
+        return total
+
+    viscous, boundary, alone = theory_parts(theory, theory_gain, warm)
+    pressures = np.linspace(0.0, HIGHEST_PRESSURE, PRESSURE_NODES) if theory is not None else np.zeros(1)
+    if theory is not None:
+        pressures = np.unique(np.append(pressures, np.linspace(0.0, 2e6, PRESSURE_NODES)))
+    lead = float(taps[0]) if abs(taps[0]) > 0.1 * float(np.abs(taps).sum()) else 0.0
+    shape = taps[1:] / lead if lead else np.zeros(0)
+    return Reference.tabulate(force, viscous, boundary, alone, top, pressures, smooth, shape)
+
+
+def theory_parts(
+    theory: object, gain: float, temperature_degC: float
+) -> tuple[Surface | None, Surface | None, Surface | None]:
+    """Return viscous derivative, boundary part and whole of a seal theory times `gain`, or None for other theories."""
+    if not isinstance(theory, SealCurve):
+        return None, None, None
+    curve = theory
+
+    def derivative(v: Floats, p: Floats, viscosity: float, friction: float) -> Floats:
+        one, warm = np.ones(v.size), np.full(v.size, temperature_degC)
+        film = curve.entrainment(v)
+        more = curve.on_film(v, film, p, warm, one * (1.0 + viscosity), one * (1.0 + friction))
+        less = curve.on_film(v, film, p, warm, one * (1.0 - viscosity), one * (1.0 - friction))
+        return np.asarray((more - less) / (2.0 * DERIVATIVE_STEP) * gain)
+
+    return (
+        lambda v, p: derivative(v, p, DERIVATIVE_STEP, 0.0),
+        lambda v, p: derivative(v, p, 0.0, DERIVATIVE_STEP),
+        lambda v, p: np.asarray(curve.evaluate(v, p, np.full(v.size, temperature_degC)) * gain),
+    )
