@@ -6,7 +6,10 @@ import numpy as np
 
 from friction_estimator.bag.read import Stream
 from friction_estimator.core.config import SyncConfig
-from friction_estimator.core.sample import NS_PER_S
+from friction_estimator.core.sample import NS_PER_S, Floats
+
+MOVING = 0.15
+"""Share of the top speed above which the shaft counts as moving."""
 
 
 @dataclass(frozen=True)
@@ -77,3 +80,23 @@ def describe(stream: Stream, sync: SyncConfig) -> StreamStatistics:
         lowest=float(finite.min()) if finite.size else np.nan,
         highest=float(finite.max()) if finite.size else np.nan,
     )
+
+
+def moving_speeds(velocity_m_s: Floats) -> list[tuple[float, float]]:
+    """Return the usual velocities of each direction of motion, m/s: the range that holds nine tenths of the samples.
+
+    Standstill (below `MOVING` of the top speed) is left out, and so is a direction with less than a twentieth of the
+    rest. Ranges are (nearest to zero, farthest from zero).
+
+    >>> moving_speeds(np.array([0.0, 0.01, 0.01, -0.02, -0.02]))
+    [(0.01, 0.01), (-0.02, -0.02)]
+    """
+    top = float(np.quantile(np.abs(velocity_m_s), 0.99)) if velocity_m_s.size else 0.0
+    moving = velocity_m_s[np.abs(velocity_m_s) > MOVING * top]
+    ranges = []
+    for sign in (1.0, -1.0):
+        speed = sign * moving[sign * moving > 0.0]
+        if speed.size > 0.05 * moving.size:
+            low, high = np.quantile(speed, [0.05, 0.95]).tolist()
+            ranges.append((sign * low, sign * high))
+    return ranges

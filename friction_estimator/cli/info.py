@@ -18,6 +18,9 @@ SCHEMA = "friction_estimator/info/1"
 
 UNITS = {"velocity": "m/s", "friction": "N", "pressure": "Pa", "temperature": "degC", "position": "m"}
 
+LEAST_SPEED_RATIO = 3.0
+"""Fastest over slowest usual speed of a direction, below which the curve between them and rest is not seen."""
+
 _CHANNELS = {
     "pressure": "pressure_dependence, and the theoretical curve at the true pressure",
     "temperature": "the oil's viscosity: viscosity_drift is told from time only",
@@ -103,6 +106,7 @@ def _pairing(admitted: "Admitted") -> dict[str, Any]:
 
 def _assess(admitted: "Admitted", config: "Config") -> tuple[dict[str, Any] | None, list[str], list[str]]:
     """Return the facts about the drive, and what can and cannot be identified, in words."""
+    from friction_estimator.bag.statistics import moving_speeds  # noqa: PLC0415
     from friction_estimator.diagnosis.excitation import assess  # noqa: PLC0415
     from friction_estimator.diagnosis.record import build_record  # noqa: PLC0415
 
@@ -120,13 +124,20 @@ def _assess(admitted: "Admitted", config: "Config") -> tuple[dict[str, Any] | No
     found = assess(record, context)
     low, high = found.velocity_range
     cannot = [*found.warnings, *cannot]
-    if found.reversals == 0:
+    ranges = moving_speeds(samples.velocity_m_s)
+    if len(ranges) < 2:
         cannot.insert(0, "friction in both directions: the shaft moves in one direction only")
-    elif not any("identify the curve" in warning for warning in found.warnings):
+    if ranges and all(far / near > LEAST_SPEED_RATIO for near, far in ranges):
         can.append(f"the friction curve F(v) from {low:.4g} to {high:.4g} m/s")
+    elif not any("curve F(v)" in warning for warning in found.warnings):
+        told = " and ".join(f"{near:.3g} to {far:.3g}" for near, far in ranges)
+        cannot.insert(
+            0, f"the curve F(v): the shaft runs from {told} m/s only; vary its speed by a factor of ten within a stroke"
+        )
+    if found.reversals:
         can.append(f"what follows a reversal: {found.reversals} of them were recorded")
     if not context.periods_s and found.reversals:
-        can.append("what differs between drive periods: the drive is not periodic")
+        cannot.append("errors by drive cycle: the drive is not periodic (tenths of the record stand in for cycles)")
     if not found.undecidable:
         can.append("a diagnosis (`friction_estimator diagnose`)")
     facts = {

@@ -1,0 +1,184 @@
+"""`info` says what is in a recording, what is wrong with its stamps, and what it cannot answer."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from friction_estimator.bag.read import Stream
+from friction_estimator.bag.statistics import describe, moving_speeds
+from friction_estimator.bag.write import TOPICS, write_samples, writing
+from friction_estimator.cli.main import main
+from friction_estimator.core.config import SyncConfig
+from friction_estimator.core.sample import NS_PER_S, Samples
+
+START = 1_700_000_000 * NS_PER_S
+MS = 1_000_000
+SHARED_BAGS = Path(__file__).parents[2] / "shared" / "data" / "bags"
+
+
+def drive(velocity, period_ms=1, **channels):
+    n = velocity.size
+    return Samples(
+        stamp_ns=START + period_ms * MS * np.arange(n),
+        velocity_m_s=velocity,
+        friction_N=5.0 * np.tanh(velocity / 1e-3) + 20.0 * velocity,
+        restart=np.arange(n) == 0,
+        **channels,
+    )
+
+
+def sine(n=20_000):
+    return 0.1 * np.sin(2 * np.pi * np.arange(n) / 1000)
+
+
+def info(path, capsys, *words):
+    code = main(["info", str(path), "--json", "-", *words])
+    printed = capsys.readouterr()
+    return code, json.loads(printed.out), printed.err
+
+
+# Figures of one stream
+
+
+@given(st.lists(st.integers(1, 10**10) | st.just(0), min_size=1, max_size=30))
+def test_every_stamp_is_counted_once(stamps):
+    stamp_ns = np.array(stamps, np.int64)
+    figures = describe(Stream("/v", "", stamp_ns, stamp_ns, np.ones(stamp_ns.size)), SyncConfig())
+    forward = int(np.count_nonzero(np.diff(stamp_ns[stamp_ns != 0]) > 0))
+    faults = figures.duplicate_stamps + figures.backward_stamps + figures.clock_jumps
+    assert figures.messages == stamp_ns.size
+    assert figures.zero_stamps + faults + forward == max(stamp_ns.size - 1, figures.zero_stamps)
+
+
+def test_faults_of_stamps_and_values_are_told_apart():
+    stamps = START + MS * np.array([0, 1, 2, 2, 4, 3, 5, 6, 7, 30, 31, 32])
+    stamps[-1] -= 10 * NS_PER_S
+    stamps[1] = 0
+    value = np.array([1.0, np.nan, np.inf, -3.0, *np.zeros(8)])
+    figures = describe(Stream("/v", "", stamps, stamps + 2 * MS, value, missing=4), SyncConfig())
+    assert (figures.zero_stamps, figures.duplicate_stamps, figures.backward_stamps, figures.clock_jumps) == (1, 1, 1, 1)
+    assert (figures.gaps, figures.longest_gap_s) == (1, 0.023)
+    assert (figures.nan, figures.infinite, figures.missing) == (1, 1, 4)
+    assert (figures.lowest, figures.highest) == (-3.0, 1.0)
+    assert figures.delay_s == pytest.approx(0.002)
+
+
+def test_the_usual_speeds_of_a_two_speed_drive_are_narrow():
+    velocity = np.concatenate([np.full(500, 0.014), np.zeros(300), np.full(400, -0.015)])
+    np.testing.assert_allclose(moving_speeds(velocity), [(0.014, 0.014), (-0.015, -0.015)])
+    assert moving_speeds(np.abs(velocity))[1:] == []
+    (near, far), _ = moving_speeds(sine())
+    assert far / near > 3.0
+
+
+# The verb
+
+
+def test_a_good_recording_is_described(tmp_path, capsys):
+    position = np.cumsum(sine()) * 1e-3
+    write_samples(tmp_path / "run", drive(sine(), position_m=position), frame_id="rig")
+    code, found, _ = info(tmp_path / "run", capsys)
+    assert code == 0
+    assert found["schema"] == "friction_estimator/info/1"
+    assert {topic["name"]: topic["inputs"] for topic in found["topics"]} == {
+        "/velocity": ["velocity"],
+        "/friction": ["friction"],
+        "/position": ["position"],
+    }
+    velocity = found["inputs"]["velocity"]
+    assert (velocity["rate_hz"], velocity["unit"], velocity["frame_id"]) == (1000.0, "m/s", "rig")
+    assert velocity["highest"] == pytest.approx(0.1)
+    assert found["pairing"]["used"] == 20_000
+    assert found["excitation"]["reversals"] == pytest.approx(39, abs=2)
+    assert any("friction curve F(v)" in text for text in found["can"])
+    assert any("no pressure channel" in text for text in found["cannot"])
+    assert not any("no position channel" in text for text in found["cannot"])
+    assert found["problem"] is None
+
+
+def test_the_words_hold_what_the_json_holds(tmp_path, capsys):
+    write_samples(tmp_path / "run", drive(sine()))
+    assert main(["info", str(tmp_path / "run")]) == 0
+    text = capsys.readouterr().out
+    for words in (
+        "/velocity  geometry_msgs/TwistStamped  20000  -> velocity",
+        "20000 used of 20000",
+        "reversals",
+        "cannot",
+    ):
+        assert words in text
+
+
+@pytest.mark.parametrize(
+    ("velocity", "words"),
+    [
+        (np.tile(np.repeat([0.014, -0.015], 500), 20), "curve F(v)"),
+        (np.abs(sine()), "the shaft moves in one direction only"),
+        (np.full(5000, 0.1), "the velocity never changes"),
+        (sine(200), "usable samples are too few"),
+        (sine(1500), "reversals in"),
+        (
+            sine() * np.linspace(0.3, 1, 20_000) + 0.05 * np.sin(np.arange(20_000) ** 1.2 / 300),
+            "the drive is not periodic",
+        ),
+    ],
+)
+def test_what_a_drive_does_not_excite_is_said(tmp_path, capsys, velocity, words):
+    write_samples(tmp_path / "run", drive(velocity))
+    code, found, _ = info(tmp_path / "run", capsys)
+    assert code == 0
+    assert any(words in text for text in found["cannot"]), found["cannot"]
+
+
+def test_a_recording_without_the_topics_is_listed_and_cannot_answer(tmp_path, capsys):
+    with writing(tmp_path / "run") as writer:
+        writer.add_stream(*TOPICS["pressure"], START + MS * np.arange(5), np.ones(5), quantity="pressure")
+    code, found, error = info(tmp_path / "run", capsys)
+    assert code == 1
+    assert [topic["name"] for topic in found["topics"]] == ["/pressure"]
+    assert "no topic for velocity or friction" in found["problem"]
+    assert "no topic for velocity or friction" in error
+
+
+def test_samples_that_never_pair_are_described_and_cannot_answer(tmp_path, capsys):
+    times = START + MS * np.arange(50)
+    with writing(tmp_path / "run") as writer:
+        writer.add_stream(*TOPICS["velocity"], times, np.ones(50), quantity="velocity")
+        writer.add_stream(*TOPICS["friction"], times + 1, np.ones(50), quantity="friction")
+    code, found, _ = info(tmp_path / "run", capsys)
+    assert code == 1
+    assert found["inputs"]["velocity"]["messages"] == 50
+    assert "set sync.slop" in found["problem"]
+
+
+def test_an_ambiguous_recording_is_listed_and_asked_back(tmp_path, capsys):
+    times = START + MS * np.arange(5)
+    with writing(tmp_path / "run") as writer:
+        for name in ("/left/velocity", "/right/velocity"):
+            writer.add_stream(name, TOPICS["velocity"][1], times, np.ones(5), quantity="velocity")
+    code, found, error = info(tmp_path / "run", capsys)
+    assert code == 2
+    assert len(found["topics"]) == 2
+    assert "choose with --topic velocity=/left/velocity" in error
+
+
+def test_an_unreadable_recording_is_one_line(tmp_path, capsys):
+    (tmp_path / "run.mcap").write_bytes(b"\x89MCAP0\r\n")
+    assert main(["info", str(tmp_path / "run.mcap")]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert len(printed.err.splitlines()) == 1
+
+
+@pytest.mark.skipif(not SHARED_BAGS.is_dir(), reason=f"recordings of others are absent: {SHARED_BAGS}")
+@pytest.mark.parametrize(
+    ("name", "messages"), [("servo_ros2_sqlite3", 1294), ("rosbag2_split_sqlite3", 6074), ("rosbag2_split_mcap", 6074)]
+)
+def test_recordings_of_others_are_listed(capsys, name, messages):
+    code, found, _ = info(SHARED_BAGS / name, capsys)
+    assert code == 1
+    assert sum(topic["messages"] for topic in found["topics"]) == messages
