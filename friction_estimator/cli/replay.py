@@ -6,7 +6,8 @@ from typing import Any
 
 from friction_estimator.cli import common
 from friction_estimator.cli.recorded import Loaded, add_model_options, load
-from friction_estimator.core.replay import Replay, replay, with_learned
+from friction_estimator.core.replay import Replay, replay
+from friction_estimator.effects.extension import extension_from_config
 
 SCHEMA = "friction_estimator/replay/1"
 
@@ -39,7 +40,13 @@ def run(args: argparse.Namespace) -> int:
     output = common.Output(args.json)
     loaded = load(args, output, {"model.type": args.model, "model.law": args.law})
     with common.progress("replaying", len(loaded.samples)) as advance:
-        result = replay(loaded.samples, loaded.config, freeze_after=args.freeze_after, advance=advance)
+        result = replay(
+            loaded.samples,
+            loaded.config,
+            extension=extension_from_config(loaded.config),
+            freeze_after=args.freeze_after,
+            advance=advance,
+        )
     summary = summarise(loaded, result, SCHEMA)
     _tell(output, summary)
     if args.out:
@@ -64,11 +71,6 @@ def summarise(loaded: Loaded, result: Replay, schema: str) -> dict[str, Any]:
         **result.figures(),
         "health": result.health,
     }
-
-
-def warm_config(result: Replay) -> Any:
-    """Return the configuration that starts the live node from what was learned here."""
-    return with_learned(result.config, result.parameters)
 
 
 def _tell(output: common.Output, summary: dict[str, Any]) -> None:
