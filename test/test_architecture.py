@@ -17,9 +17,10 @@ ALLOWED = {
     "rig": {"core", "effects"},
     "bag": {"core", "files"},
     "diagnosis": {"core", "effects", "rig"},
-    "report": {"core", "files", "effects", "rig", "diagnosis"},
+    "paper": {"core", "rig"},
+    "report": {"core", "files", "effects", "rig", "diagnosis", "paper"},
     "ros": {"core", "files", "effects", "bag", "report", "diagnosis", "rig"},
-    "cli": {"core", "files", "effects", "rig", "bag", "diagnosis", "report", "ros"},
+    "cli": {"core", "files", "effects", "rig", "paper", "bag", "diagnosis", "report", "ros"},
     "__main__": {"cli"},
     "__init__": set(),
 }
