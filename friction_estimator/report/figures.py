@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from friction_estimator.core import metrics
 from friction_estimator.core.replay import Replay
@@ -86,6 +87,7 @@ def convergence(replay: Replay) -> Figure:
         _level(axes, figures["theory_nrmse"], "theoretical curve alone", style.THEORY, "--")
     periodic = bool(metrics.drive_cycles(replay.samples.velocity_m_s))
     axes.set_xlabel("drive cycle" if periodic else "tenth of the record")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylabel("nrmse (1)")
     axes.set_title("Error while learning")
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
