@@ -17,6 +17,7 @@ from scipy.linalg import cho_factor, cho_solve
 from friction_estimator.core.config import Config
 from friction_estimator.core.sample import Bools, Floats
 from friction_estimator.core.theory import TheoryCurve, theory_from_config
+from friction_estimator.diagnosis.products import inner
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.effects.extension import theory_parts
 from friction_estimator.effects.reference import Reference
@@ -171,9 +172,9 @@ def fit_base(
         if step:
             pull[columns : columns + order] = -ridge[columns : columns + order] * taps
         a = design[used]
-        gram = a.T @ a + np.diag(ridge)
+        gram = inner(a, a) + np.diag(ridge)
         gram[np.diag_indices_from(gram)] += 1e-10 * np.maximum(np.diag(gram), 1e-300)
-        right = a.T @ y[used] + pull
+        right = inner(a, y[used]) + pull
         theta = _non_negative(gram, right, slice(columns, columns + (order if step else 0)), taps)
         weights = theta[:columns]
         coefficients = theta[theta.size - extra.shape[1] :]

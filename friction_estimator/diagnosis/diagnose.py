@@ -96,13 +96,20 @@ def _silent(_stage: str, _part: float) -> None:
     """Report nothing."""
 
 
-def diagnose(recordings: Sequence[Samples], config: Config, seed: int = 0, progress: Progress = _silent) -> Diagnosis:
+def diagnose(
+    recordings: Sequence[Samples],
+    config: Config,
+    seed: int = 0,
+    progress: Progress = _silent,
+    faults: Sequence[Finding] = (),
+) -> Diagnosis:
     """Diagnose recordings.
 
     Parameters
     ----------
     recordings : one or more, in the order in which they were made. config : theory, FIR order, extension terms.
     seed : of folds and bootstrap; the same seed gives the same result. progress : told of stage and share done.
+    faults : of the stamps, found while reading (`streams`).
 
     Raises
     ------
@@ -113,6 +120,7 @@ def diagnose(recordings: Sequence[Samples], config: Config, seed: int = 0, progr
     context = raw.context(config, float(np.abs(raw.friction_N).max()))
     excitation = assess(raw, context)
     record, context, findings = repaired(raw, config, context)
+    findings = [*faults, *findings]
     lattice = next((f for f in findings if f.name == "quantization"), None)
     coarse = lattice.power_N2 if lattice is not None and lattice.extra.get("coarse") else 0.0
     found = search(record, config, context, seed, progress, coarse)

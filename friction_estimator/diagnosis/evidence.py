@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from friction_estimator.core.sample import Bools, Floats, Ints
+from friction_estimator.diagnosis.products import inner
 
 FOLDS = 8
 RELATIVE_RIDGE = 1e-7
@@ -87,7 +88,7 @@ class Evidence:
 
     def _by_block(self, left: NDArray[Any], right: Floats) -> Floats:
         pairs = zip(self._parts(left), self._parts(right), strict=True)
-        return np.array([a.T @ b for a, b in pairs])
+        return np.array([inner(a, b) for a, b in pairs])
 
     def moments(self, columns: Floats) -> Moments:
         """Return the inner products of columns (n, c)."""
@@ -96,9 +97,28 @@ class Evidence:
         xe = self._by_block(x, self.residual[:, None])[:, :, 0]
         return Moments(zx, self._by_block(x, x), xe)
 
+    def moments_of_many(self, groups: Sequence[Floats]) -> list[Moments]:
+        """Return the inner products of several hypotheses' columns at once: fewer and larger products."""
+        x = np.concatenate(groups, axis=1) * self._used[:, None]
+        zx = self._by_block(self._z, x)
+        starts = self._edges[:-1]
+        xe = np.add.reduceat(x * self.residual[:, None], starts, axis=0)
+        out = []
+        place = 0
+        for group in groups:
+            width = group.shape[1]
+            mine = x[:, place : place + width]
+            xx = np.empty((self.blocks, width, width))
+            for i in range(width):
+                for k in range(i + 1):
+                    xx[:, i, k] = xx[:, k, i] = np.add.reduceat(mine[:, i] * mine[:, k], starts)
+            out.append(Moments(zx[:, :, place : place + width], xx, xe[:, place : place + width]))
+            place += width
+        return out
+
     def moments_of(self, columns: NDArray[np.float32], known: Moments) -> Moments:
         """Return the inner products with this residual, where those with the same tangent are `known`."""
-        xe = self._by_block(columns, self.residual[:, None])[:, :, 0]
+        xe = np.add.reduceat(columns * self.residual[:, None], self._edges[:-1], axis=0)
         return Moments(known.zx, known.xx, xe)
 
     def fit(self, moments: Moments, rule: Rule, rows: Bools | None = None) -> Fit:
@@ -109,9 +129,9 @@ class Evidence:
         solved = np.linalg.solve(_stable(zz), np.column_stack([ze, zx]))
         alone, through = solved[:, 0], solved[:, 1:]
         xx = moments.xx[rows].sum(0)
-        inner = xx - zx.T @ through
+        left = xx - zx.T @ through
         pull = moments.xe[rows].sum(0) - zx.T @ alone
-        weights, gain = constrained(inner, pull, np.diag(xx), rule)
+        weights, gain = constrained(left, pull, np.diag(xx), rule)
         return Fit(weights, alone - through @ weights, gain)
 
     def cross_validated(self, moments: Moments, rule: Rule) -> Floats:
@@ -211,9 +231,9 @@ def null_maximum(
     """
     signs = evidence.flips(count)
     best = np.zeros(count)
-    for (inner, pulls), rule in zip(projections, rules, strict=True):
-        scale = np.sqrt(np.maximum(np.diag(inner), 1e-300))
-        values, vectors = np.linalg.eigh(inner / np.outer(scale, scale))
+    for (left, pulls), rule in zip(projections, rules, strict=True):
+        scale = np.sqrt(np.maximum(np.diag(left), 1e-300))
+        values, vectors = np.linalg.eigh(left / np.outer(scale, scale))
         keep = values > 1e-6
         white = (signs @ (pulls / scale)) @ vectors[:, keep] / np.sqrt(values[keep])
         if rule.signs[0] and scale.size == 1:

@@ -66,10 +66,10 @@ def _neighbours(record: Record) -> tuple[Ints, Ints]:
     points = np.column_stack([p / (np.std(p) or 1.0) for p in place])
     chosen = np.flatnonzero(record.used)
     chosen = chosen[:: max(1, chosen.size // 20000)]
-    found = cKDTree(points[chosen]).query(points[chosen], k=12)[1]
+    found: Ints = np.asarray(cKDTree(points[chosen]).query(points[chosen], k=12)[1], np.int64)
     apart = np.abs(f.time_s[chosen][found] - f.time_s[chosen][:, None]) > APART_S
     some = apart.any(axis=1)
-    nearest = found[np.arange(len(chosen)), np.argmax(apart, axis=1)]
+    nearest: Ints = np.asarray(np.take_along_axis(found, np.argmax(apart, axis=1)[:, None], axis=1)[:, 0], np.int64)
     return chosen[some], chosen[nearest[some]]
 
 
@@ -126,14 +126,14 @@ def find_burst(record: Record, residual_N: Floats) -> Burst | None:
     best_gain = 0.0
     for decay in DECAYS_S:
         shape = np.exp(-2.0 * since / decay)
-        spread = shape - shape.mean()
+        spread = float(np.square(shape - shape.mean()).sum())
         clipped = np.minimum(power, cap)
         slopes = []
         for number in np.unique(block):
             inside = block == number
             mine = shape[inside] - shape[inside].mean()
             energy = float(mine @ mine)
-            if energy > 1e-3 * float(spread @ spread) / record.blocks:
+            if energy > 1e-3 * spread / record.blocks:
                 slopes.append((float(mine @ clipped[inside]) / energy, energy))
         if len(slopes) < 6:
             continue
@@ -142,7 +142,7 @@ def find_burst(record: Record, residual_N: Floats) -> Burst | None:
         mean = float(weight @ values)
         error = float(np.sqrt(np.square(weight) @ np.square(values - mean)) * np.sqrt(len(values) / (len(values) - 1)))
         t_value = mean / max(error, 1e-300)
-        gain = mean * mean * float(spread @ spread)
+        gain = mean * mean * spread
         if mean > 0.0 and gain > best_gain:
             best_gain = gain
             best = t_value

@@ -12,6 +12,7 @@ from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.base import SPLINES, BaseFit, fit_base, reference_of
 from friction_estimator.diagnosis.evidence import Evidence, folds_of
 from friction_estimator.diagnosis.library import columns_of, with_running_force
+from friction_estimator.diagnosis.products import inner
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.effects.base import Effect
 from friction_estimator.effects.features import Context, Features
@@ -165,19 +166,19 @@ def _refined(
     z = z / norm
     penalty = np.concatenate([base.penalty, np.zeros(z.shape[1] - base.penalty.size)]) + 1e-9 * len(z)
     e = (record.friction_N - base.fitted_N - settled)[used]
-    inverse = np.linalg.inv(z.T @ z + np.diag(penalty))
-    ze = z.T @ e
+    inverse = np.linalg.inv(inner(z, z) + np.diag(penalty))
+    ze = inner(z, e)
     params = dict(term.params)
 
     def loss(name: str, value: float) -> float:
         x = columns_of(term.effect, params | {name: value}, features, reference)[used]
-        zx = z.T @ x
-        inner = x.T @ x - zx.T @ inverse @ zx
-        pull = x.T @ e - zx.T @ inverse @ ze
+        zx, xx = inner(z, x), inner(x, x)
+        left = xx - zx.T @ inverse @ zx
+        pull = inner(x, e) - zx.T @ inverse @ ze
         if term.effect.fixed_gain:
-            return float(inner[0, 0] - 2.0 * pull[0])
-        inner = inner + np.diag(1e-9 * np.maximum(np.diag(x.T @ x), 1e-300))
-        return -float(pull @ np.linalg.solve(inner, pull))
+            return float(left[0, 0] - 2.0 * pull[0])
+        left = left + np.diag(1e-9 * np.maximum(np.diag(xx), 1e-300))
+        return -float(pull @ np.linalg.solve(left, pull))
 
     for name in term.effect.refined:
         low, high = term.effect.bracket(name, params[name], context)

@@ -1,6 +1,6 @@
 """The hypotheses of a diagnosis: every effect with a regressor, over its grid."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,9 @@ from friction_estimator.diagnosis.evidence import Evidence, Moments, Rule
 from friction_estimator.effects.base import EFFECTS, Effect, RunningForce
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.reference import Reference
+
+AT_ONCE = 12
+"""Hypotheses whose inner products are formed together."""
 
 LINES = 4
 """Spectral lines that are tried as periodic disturbances."""
@@ -48,14 +51,23 @@ def with_running_force(features: Features, reference: Reference) -> Features:
     return RunningForce(reference)(features)
 
 
-def hypothesis(
-    effect: type[Effect], params: dict[str, float], features: Features, reference: Reference, evidence: Evidence
-) -> Hypothesis:
-    """Return a hypothesis with its inner products."""
-    columns = columns_of(effect, params, features, reference)
-    signs = effect.signs if len(effect.signs) == columns.shape[1] else (0,) * columns.shape[1]
-    rule = Rule(signs, effect.fixed_gain)
-    return Hypothesis(effect, params, evidence.moments(columns), rule, columns.astype(np.float32))
+def hypotheses(
+    effect: type[Effect],
+    points: Sequence[dict[str, float]],
+    features: Features,
+    reference: Reference,
+    evidence: Evidence,
+) -> list[Hypothesis]:
+    """Return the hypotheses of one effect at several points, with their inner products."""
+    out = []
+    for start in range(0, len(points), AT_ONCE):
+        part = points[start : start + AT_ONCE]
+        groups = [columns_of(effect, params, features, reference) for params in part]
+        for params, columns, moments in zip(part, groups, evidence.moments_of_many(groups), strict=True):
+            signs = effect.signs if len(effect.signs) == columns.shape[1] else (0,) * columns.shape[1]
+            rule = Rule(signs, effect.fixed_gain)
+            out.append(Hypothesis(effect, params, moments, rule, columns.astype(np.float32)))
+    return out
 
 
 def build_library(
@@ -74,12 +86,11 @@ def build_library(
     for name, cls in EFFECTS.items():
         if name in out or (cls.channel == "pressure" and "pressure" not in context.channels):
             continue
-        for params in cls.grid(context):
-            found.append(hypothesis(cls, params, features, reference, evidence))
+        found += hypotheses(cls, cls.grid(context), features, reference, evidence)
     lines = EFFECTS["periodic_disturbance"]
     if "periodic_disturbance" not in out:
-        for frequency in spectral_lines(evidence.residual, features.time_s, context.step_s):
-            found.append(hypothesis(lines, {"frequency": frequency}, features, reference, evidence))
+        peaks = spectral_lines(evidence.residual, features.time_s, context.step_s)
+        found += hypotheses(lines, [{"frequency": f} for f in peaks], features, reference, evidence)
     return found
 
 

@@ -18,6 +18,7 @@ from friction_estimator.diagnosis.joint import (
     fit_joint,
 )
 from friction_estimator.diagnosis.library import Hypothesis, build_library
+from friction_estimator.diagnosis.products import inner
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.effects.base import EFFECTS
 from friction_estimator.effects.features import Context
@@ -138,8 +139,8 @@ def gate(
     if columns:
         design = np.column_stack([joint.tangent, *columns])[record.used]
         design = design / np.maximum(np.sqrt(np.mean(np.square(design), axis=0)), 1e-300)
-        gram = design.T @ design + 1e-6 * len(design) * np.eye(design.shape[1])
-        residual[record.used] -= design @ np.linalg.solve(gram, design.T @ residual[record.used])
+        gram = inner(design, design) + 1e-6 * len(design) * np.eye(design.shape[1])
+        residual[record.used] -= design @ np.linalg.solve(gram, inner(design, residual[record.used]))
     calm = Evidence(joint.tangent, joint.penalty, residual, record.used, record.block, seed)
     groups: dict[bool, tuple[list[tuple[Floats, Floats]], list[Rule]]] = {False: ([], []), True: ([], [])}
     for item in library:

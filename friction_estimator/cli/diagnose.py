@@ -1,0 +1,135 @@
+"""`diagnose`: what the simulation gets wrong, its named cause, the extended model, the gain."""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from friction_estimator.cli import common
+from friction_estimator.core.config import Config
+from friction_estimator.core.errors import UnanswerableError
+from friction_estimator.core.sample import Samples
+
+if TYPE_CHECKING:
+    from friction_estimator.diagnosis.quality import Finding
+
+
+def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
+    """Add the verb's parser."""
+    parser = common.add_verb(
+        subparsers,
+        "diagnose",
+        "what the simulation gets wrong, the cause, the extended model, the gain",
+        description="Fit the base model (theory, odd static curve, short FIR), look for what it cannot explain, name "
+        "the cause, and write the model extended by it. Gains are measured on data that the fit never saw.",
+        example="friction_estimator diagnose run1 run2 --out out",
+    )
+    parser.add_argument("bags", nargs="+", metavar="BAG", help="recordings, in the order in which they were made")
+    parser.add_argument(
+        "--out", metavar="DIR", help="write extended.yaml, figures/, report.html and summary.json into this folder"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of folds and bootstrap (default 0)")
+    common.add_bag_options(parser)
+    common.add_json_option(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb; 1 for the verdict `undecidable`."""
+    # scipy takes a second to import: `--help` needs none of it.
+    from friction_estimator.diagnosis.diagnose import diagnose  # noqa: PLC0415
+    from friction_estimator.diagnosis.summary import as_json, sentences  # noqa: PLC0415
+
+    output = common.Output(args.json)
+    config = common.config_from(args)
+    loaded = [_load(bag, args, config, output) for bag in args.bags]
+    recordings = [samples for samples, _ in loaded]
+    faults = {fault.name: fault for _, found in loaded for fault in found}
+    with common.progress("diagnosing", 100, unit="%") as advance:
+        shown = 0
+
+        def report(_stage: str, part: float) -> None:
+            nonlocal shown
+            done = min(100, round(100 * part))
+            advance(max(0, done - shown))
+            shown = max(shown, done)
+
+        result = diagnose(recordings, config, seed=args.seed, progress=report, faults=tuple(faults.values()))
+    for line in sentences(result):
+        output.say(line)
+    figures: dict[str, str] = {}
+    extended: str | None = None
+    if args.out:
+        figures, extended = _write(Path(args.out), result, config, args.bags)
+    summary = as_json(result, args.bags, figures, extended)
+    if args.out:
+        _write_summary(Path(args.out), summary, sentences(result), figures)
+        output.say(f"written: {args.out}")
+    output.result(summary)
+    return 1 if result.verdict == "undecidable" else 0
+
+
+def _load(bag: str, args: argparse.Namespace, config: Config, output: common.Output) -> tuple[Samples, list["Finding"]]:
+    """Return one recording's usable samples and the faults of its stamps; a steady offset is taken out."""
+    from friction_estimator.bag.read import read_recording  # noqa: PLC0415
+    from friction_estimator.bag.samples import to_samples  # noqa: PLC0415
+    from friction_estimator.diagnosis import streams  # noqa: PLC0415
+
+    with common.progress(f"reading {bag}", unit="messages") as advance:
+        recording = read_recording(bag, config.input, common.topics_from(args), advance)
+    velocity, friction = recording.streams["velocity"], recording.streams["friction"]
+    offset = 0
+    if velocity.stamped and friction.stamped and velocity.topic != friction.topic:
+        offset = streams.offset_ns(velocity.stamp_ns, friction.stamp_ns)
+    if offset:
+        moved = replace(friction, stamp_ns=friction.stamp_ns - offset)
+        recording = replace(recording, streams={**recording.streams, "friction": moved})
+    admitted = to_samples(recording, config)
+    found = [
+        streams.stamp_offset(offset, 1.0 / admitted.samples.sample_rate_hz),
+        streams.duplicates(admitted.rejected, admitted.read),
+    ]
+    refused = ", ".join(f"{count} {reason}" for reason, count in admitted.rejected.items())
+    output.say(
+        f"{bag}: {len(admitted.samples)} samples of {admitted.read}" + (f"; refused: {refused}" if refused else "")
+    )
+    if not len(admitted.samples) or not np.isfinite(admitted.samples.velocity_m_s).any():
+        raise UnanswerableError(f"{bag}: no usable sample; see `friction_estimator info {bag}`")
+    return admitted.samples, [fault for fault in found if fault is not None]
+
+
+def _write(folder: Path, result: Any, config: Config, bags: list[str]) -> tuple[dict[str, str], str | None]:
+    """Write the extended model and the figures; return effect id -> file and the model's file."""
+    from friction_estimator.diagnosis.extend import extended_config  # noqa: PLC0415
+    from friction_estimator.files import atomic_path, write_config  # noqa: PLC0415
+    from friction_estimator.report.diagnosis_figures import write_diagnosis_figures  # noqa: PLC0415
+
+    extended = None
+    if result.verdict != "undecidable":
+        target = folder / "extended.yaml"
+        names = ", ".join(found.name for found in result.effects) or "no effect"
+        write_config(
+            target,
+            extended_config(result, config),
+            header=f"Written by friction_estimator diagnose from {', '.join(bags)}.\n"
+            f"Base model with {names}; accepted by replay, simulate, diagnose and the live node.",
+        )
+        extended = str(target)
+    with atomic_path(folder / "figures") as part:
+        part.mkdir()
+        drawn = write_diagnosis_figures(result, part)
+        figures = {name: str(folder / "figures" / path.name) for name, path in drawn.items()}
+    return figures, extended
+
+
+def _write_summary(folder: Path, summary: dict[str, Any], words: list[str], figures: dict[str, str]) -> None:
+    from friction_estimator.files import write_text  # noqa: PLC0415
+    from friction_estimator.report.html import Section, write_page  # noqa: PLC0415
+
+    write_text(folder / "summary.json", common.to_json(summary) + "\n")
+    drawn = [(Path(path), name) for name, path in figures.items()]
+    sections = [Section("Findings", words)]
+    if drawn:
+        sections.append(Section("Figures", figures=drawn))
+    write_page(folder / "report.html", "Diagnosis", f"{summary['verdict']}: {', '.join(summary['bags'])}", sections)

@@ -1,0 +1,256 @@
+"""Figures of a diagnosis: for each effect the residual against the variable that reveals it, before and after."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from friction_estimator.core.sample import Bools, Floats
+from friction_estimator.diagnosis.diagnose import Diagnosis, Found
+from friction_estimator.effects.base import EFFECTS
+from friction_estimator.report import style
+
+SHOWN = 5000
+BINS = 60
+
+AXES: dict[str, tuple[str, float]] = {
+    "time_s": ("time (s)", 1.0),
+    "velocity_m_s": ("velocity (mm/s)", 1e3),
+    "acceleration_m_s2": ("acceleration (m/s²)", 1.0),
+    "position_m": ("position (mm)", 1e3),
+    "distance_m": ("distance run (m)", 1.0),
+    "since_reversal_m": ("distance since the reversal (µm)", 1e6),
+    "since_reversal_s": ("time since the reversal (ms)", 1e3),
+    "pressure_Pa": ("gauge pressure (bar)", 1e-5),
+    "force_N": ("force of the base model (N)", 1.0),
+}
+"""Variable -> axis label and the factor to its unit."""
+
+NEAR = {"since_reversal_m": 12.0, "since_reversal_s": 12.0}
+"""After a reversal only this many times the effect's own length or time is shown."""
+
+
+def write_diagnosis_figures(result: Diagnosis, folder: str | os.PathLike[str]) -> dict[str, Path]:
+    """Draw one figure for each effect and one for what is left; return effect id -> file.
+
+    The remainder's figure is filed under "remainder".
+    """
+    place = Path(folder)
+    out = {}
+    for found in result.effects:
+        figure = _modelled(result, found) if found.term is not None else _fault(result, found)
+        out[found.name] = style.save(figure, place / f"{found.name}.png")
+    if result.remainder is not None:
+        out["remainder"] = style.save(_remainder(result), place / "remainder.png")
+    return out
+
+
+def _modelled(result: Diagnosis, found: Found) -> Figure:
+    """Residual before, with the fitted term; residual after."""
+    number = found.term or 0
+    before, after = result.models[number], result.models[number + 1]
+    # The term as it stands in the final model; what the residual lacked before is its projected part.
+    name = EFFECTS[found.name].reveals
+    label, factor = AXES[name]
+    values = after.features.force_N if name == "force_N" else getattr(after.features, name)
+    used = result.record.used & np.isfinite(values)
+    used &= values <= _reach(name, found, result)
+    signed = name.startswith("since_reversal")
+    folded = np.sign(result.record.features.velocity_m_s) if signed else np.ones(values.size)
+    figure = Figure(figsize=(10, 4.2))
+    axes = figure.subplots(1, 2, sharey=True)
+    what = "residual, in the direction of motion (N)" if signed else "residual (N)"
+    difference = before.residual_N - after.residual_N
+    _cloud(axes[0], values * factor, before.residual_N * folded, used)
+    _line(axes[0], values * factor, before.residual_N * folded, used, style.RESIDUAL, "mean residual")
+    _line(
+        axes[0], values * factor, difference * folded, used, style.PREDICTED, "fitted term (refit of base and effect)"
+    )
+    axes[0].set(title=f"before: base model{' and earlier effects' if number else ''}", xlabel=label, ylabel=what)
+    _cloud(axes[1], values * factor, after.residual_N * folded, used)
+    _line(axes[1], values * factor, after.residual_N * folded, used, style.RESIDUAL, "mean residual")
+    axes[1].set(title=f"after: with {found.name}", xlabel=label)
+    _limits(axes, before.residual_N[used], after.residual_N[used])
+    axes[0].legend(loc="upper right", fontsize=8)
+    return figure
+
+
+def _reach(name: str, found: Found, result: Diagnosis) -> float:
+    """Return the largest value of the revealing variable that is shown."""
+    if name not in NEAR:
+        return float("inf")
+    sizes = [found.parameters[k].value for k in ("length", "gap", "delay", "time_constant") if k in found.parameters]
+    usual = 4e-5 if name == "since_reversal_m" else 20.0 * result.context.step_s
+    floor = 4.0 * result.context.step_s if name == "since_reversal_s" else 2e-5
+    return max(NEAR[name] * (sizes[0] if sizes else usual), floor * 2.0)
+
+
+def _fault(result: Diagnosis, found: Found) -> Figure:
+    """Show a fault of the data where one sees it."""
+    draw = {"quantization": _histogram, "saturation": _histogram, "stick_slip": _scatter_after_reversal}
+    figure = Figure(figsize=(10, 4.2))
+    draw.get(found.name, _in_time)(figure, result, found)
+    return figure
+
+
+def _histogram(figure: Figure, result: Diagnosis, found: Found) -> None:
+    axes = figure.subplots(1, 2)
+    force = result.raw.friction_N
+    if found.name == "quantization":
+        step = found.parameters["step"].value
+        middle = float(np.median(force))
+        near = force[np.abs(force - middle) < 12 * step]
+        axes[0].hist(near, bins=240, color=style.MEASURED)
+        title = f"values lie {step:.3g} N apart"
+    else:
+        level = found.parameters["level"].value
+        axes[0].hist(force[np.abs(force) > 0.8 * level], bins=160, color=style.MEASURED)
+        title = f"values pile up at {level:.4g} N"
+    axes[0].set(title=title, xlabel="measured force (N)", ylabel="samples")
+    _excerpt(axes[1], result, int(np.argmax(np.abs(force))))
+
+
+def _scatter_after_reversal(figure: Figure, result: Diagnosis, found: Found) -> None:
+    axes = figure.subplots(1, 2)
+    residual = result.models[-1].residual_N
+    since = result.record.features.since_reversal_s
+    used = result.record.used & np.isfinite(since) & (since < 8.0 * found.parameters["decay"].value)
+    _cloud(axes[0], since * 1e3, residual, used)
+    axes[0].set(title="residual after reversals", xlabel="time since the reversal (ms)", ylabel="residual (N)")
+    edges = np.quantile(since[used], np.linspace(0.0, 1.0, 31))
+    cell = np.clip(np.searchsorted(edges, since[used], side="right") - 1, 0, 29)
+    spread = [float(np.sqrt(np.mean(np.square(residual[used][cell == k])))) for k in range(30) if np.any(cell == k)]
+    middle = [float(since[used][cell == k].mean()) * 1e3 for k in range(30) if np.any(cell == k)]
+    axes[1].plot(middle, spread, "o-", ms=3, color=style.RESIDUAL, label="measured")
+    a, d = found.parameters["amplitude"].value, found.parameters["decay"].value * 1e3
+    floor = float(np.min(spread))
+    fitted = np.sqrt(floor**2 + 0.5 * a * a * np.exp(-2.0 * np.array(middle) / d))
+    axes[1].plot(middle, fitted, color=style.PREDICTED, label="fitted burst")
+    axes[1].set(
+        title="its scatter", xlabel="time since the reversal (ms)", ylabel="rms of the residual (N)", ylim=(0, None)
+    )
+    axes[1].legend()
+
+
+def _in_time(figure: Figure, result: Diagnosis, found: Found) -> None:
+    axes = figure.subplots(1, 2)
+    raw, record = result.raw, result.record
+    if found.name == "velocity_noise":
+        change = raw.features.velocity_m_s - record.features.velocity_m_s
+        axes[0].hist(change * 1e3, bins=120, color=style.MEASURED)
+        axes[0].set(title="measured minus smoothed velocity", xlabel="difference (mm/s)", ylabel="samples")
+        _excerpt(axes[1], result, len(change) // 2, velocity=True)
+        return
+    if found.name == "velocity_mismatch":
+        time = raw.features.time_s
+        axes[0].plot(time, raw.features.velocity_m_s * 1e3, color=style.MEASURED, label="reported velocity")
+        position = np.gradient(raw.features.position_m, time)
+        axes[0].plot(time, position * 1e3, color=style.PREDICTED, lw=0.8, label="derivative of position")
+        axes[0].set(title="velocity", xlabel="time (s)", ylabel="velocity (mm/s)", xlim=(time[0], time[0] + 10))
+        axes[0].legend(fontsize=8, loc="upper right")
+        axes[1].plot(position * 1e3, raw.features.velocity_m_s * 1e3, ".", ms=1, color=style.MEASURED)
+        axes[1].set(
+            title="one against the other", xlabel="derivative of position (mm/s)", ylabel="reported velocity (mm/s)"
+        )
+        return
+    masked = raw.used & ~record.used
+    residual = result.models[-1].residual_N
+    time = raw.features.time_s
+    thin = np.arange(0, time.size, max(1, time.size // SHOWN))
+    axes[0].plot(time[thin], residual[thin], ".", ms=1.5, color=style.MEASURED, label="kept")
+    axes[0].plot(time[masked], residual[masked], "x", ms=5, color=style.PREDICTED, label="masked")
+    axes[0].set(title=f"{found.name}: {int(masked.sum())} samples masked", xlabel="time (s)", ylabel="residual (N)")
+    axes[0].legend(loc="upper right", fontsize=8)
+    where = int(np.flatnonzero(masked)[0]) if masked.any() else time.size // 2
+    _excerpt(axes[1], result, where)
+
+
+def _excerpt(axes: Axes, result: Diagnosis, middle: int, velocity: bool = False) -> None:
+    """Draw a short piece of the measured force (or velocity) about a sample."""
+    features = result.raw.features
+    part = slice(max(0, middle - 60), middle + 60)
+    if velocity:
+        axes.plot(
+            features.time_s[part], features.velocity_m_s[part] * 1e3, ".-", ms=3, color=style.MEASURED, label="measured"
+        )
+        axes.plot(
+            result.record.features.time_s[part],
+            result.record.features.velocity_m_s[part] * 1e3,
+            color=style.PREDICTED,
+            label="smoothed",
+        )
+        axes.set(title="an excerpt", xlabel="time (s)", ylabel="velocity (mm/s)")
+    else:
+        model = result.models[-1]
+        force = result.raw.friction_N
+        axes.plot(features.time_s[part], force[part], ".-", ms=4, color=style.MEASURED, label="measured")
+        predicted = result.record.friction_N - model.residual_N
+        axes.plot(features.time_s[part], predicted[part], color=style.PREDICTED, label="model")
+        axes.set(title="an excerpt", xlabel="time (s)", ylabel="force (N)")
+    axes.legend(fontsize=8)
+
+
+def _remainder(result: Diagnosis) -> Figure:
+    """Residual of the last model against the variable that it still depends on, in each direction."""
+    remainder = result.remainder
+    assert remainder is not None
+    residual, features = result.models[-1].residual_N, result.models[-1].features
+    figure = Figure(figsize=(8, 4.2))
+    axes = figure.subplots()
+    if remainder.variable == "frequency":
+        used = result.record.used
+        power = np.abs(np.fft.rfft(residual * used)) * 2.0 / max(int(used.sum()), 1)
+        frequency = np.fft.rfftfreq(residual.size, result.context.step_s)
+        axes.plot(frequency, power, color=style.RESIDUAL, lw=0.7)
+        axes.plot(
+            remainder.frequency_hz, np.interp(remainder.frequency_hz, frequency, power), "v", color=style.PREDICTED
+        )
+        axes.set(title="spectrum of the residual", xlabel="frequency (Hz)", ylabel="amplitude (N)")
+        return figure
+    label, factor = AXES[remainder.variable]
+    values = features.force_N if remainder.variable == "force_N" else getattr(features, remainder.variable)
+    used = result.record.used & np.isfinite(values)
+    if remainder.variable in NEAR:
+        used &= values <= np.quantile(values[used], 0.3)
+    shown = np.abs(residual) if remainder.kind == "variance" else residual
+    _cloud(axes, values * factor, shown, used)
+    forward = result.record.features.velocity_m_s > 0.0
+    _line(axes, values * factor, shown, used & forward, style.PREDICTED, "mean, forward")
+    _line(axes, values * factor, shown, used & ~forward, style.THEORY, "mean, backward")
+    what = "size of the residual (N)" if remainder.kind == "variance" else "residual (N)"
+    axes.set(title="what no named cause explains", xlabel=label, ylabel=what)
+    _limits([axes], shown[used])
+    axes.legend(loc="upper right", fontsize=8)
+    return figure
+
+
+def _cloud(axes: Axes, x: Floats, y: Floats, used: Bools) -> None:
+    where = np.flatnonzero(used)
+    where = where[:: max(1, where.size // SHOWN)]
+    axes.plot(x[where], y[where], ".", ms=1.5, color=style.MEASURED, alpha=0.45, zorder=1, rasterized=True)
+
+
+def _line(axes: Axes, x: Floats, y: Floats, used: Bools, color: str, label: str) -> None:
+    """Draw the mean in quantile bins of x."""
+    if used.sum() < BINS:
+        return
+    edges = np.unique(np.quantile(x[used], np.linspace(0.0, 1.0, BINS + 1)))
+    if edges.size < 3:
+        return
+    cell = np.clip(np.searchsorted(edges, x[used], side="right") - 1, 0, edges.size - 2)
+    count = np.bincount(cell, minlength=edges.size - 1)
+    keep = count > 0
+    middle = np.bincount(cell, weights=x[used], minlength=edges.size - 1)[keep] / count[keep]
+    mean = np.bincount(cell, weights=y[used], minlength=edges.size - 1)[keep] / count[keep]
+    axes.plot(middle, mean, color=color, lw=1.8, label=label, zorder=3)
+
+
+def _limits(axes: "np.ndarray | list[Axes]", *values: Floats) -> None:
+    """Show all but the farthest thousandth, with room for the legend."""
+    low = min(float(np.quantile(v, 0.001)) for v in values)
+    high = max(float(np.quantile(v, 0.999)) for v in values)
+    room = 0.08 * (high - low)
+    for one in np.ravel(np.asarray(axes, dtype=object)):
+        one.set_ylim(low - room, high + 4.0 * room)
