@@ -24,9 +24,8 @@ LIMIT_S = 60.0
 
 NS = 1_000_000_000
 ROOT = Path(__file__).resolve().parents[1]
-RELIABLE = {
-    f"qos_overrides./{topic}.subscription.reliability": "reliable" for topic in ("velocity", "friction", "joint_states")
-}
+INPUTS = ("velocity", "friction", "joint_states", "pressure", "temperature", "position")
+RELIABLE = {f"qos_overrides./{topic}.subscription.reliability": "reliable" for topic in INPUTS}
 
 
 def await_(condition: Callable[[], Any], what: str, limit_s: float = LIMIT_S) -> Any:

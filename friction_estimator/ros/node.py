@@ -4,6 +4,7 @@ Signal handlers are in place before anything slow is imported, so that a node th
 ends as cleanly as one that runs (docs/decisions/0031).
 """
 
+import gc
 import logging
 import os
 import signal
@@ -77,6 +78,9 @@ def _run(arguments: list[str], signals: StopSignals) -> int:
     node: EstimatorNode | None = None
     try:
         node = EstimatorNode(params_files(arguments))
+        # What exists now stays: no full collection shall walk through it while samples wait.
+        gc.collect()
+        gc.freeze()
         signals.started()
         spin(node, signals)
         node.close()

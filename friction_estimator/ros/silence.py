@@ -37,24 +37,28 @@ class Finding:
 
 
 class Findings:
-    """Log findings without flooding the log."""
+    """Log findings without flooding the log, even where one comes and goes."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._logged: dict[str, tuple[float, str]] = {}
-        self.current: list[Finding] = []
+        self._logged_at: dict[str, float] = {}
+        self._present: dict[str, Finding] = {}
 
     def update(self, findings: list[Finding]) -> None:
         """Take the present findings: new ones and lasting ones are logged, vanished ones are told."""
         now = time.monotonic()
-        self.current = findings
         present = {finding.key: finding for finding in findings}
         for key, finding in present.items():
-            if key not in self._logged or now - self._logged[key][0] >= REPEAT_S:
+            if now - self._logged_at.get(key, -REPEAT_S) >= REPEAT_S:
                 self._node.get_logger().warning(finding.text)
-                self._logged[key] = (now, finding.text)
-        for key in [key for key in self._logged if key not in present]:
-            self._node.get_logger().info(f"no longer so: {self._logged.pop(key)[1]}")
+                self._logged_at[key] = now
+        for key, finding in self._present.items():
+            gone = f"gone: {key}"
+            if key not in present and now - self._logged_at.get(gone, -REPEAT_S) >= REPEAT_S:
+                self._node.get_logger().info(f"no longer so: {finding.text}")
+                self._logged_at[gone] = now
+        self._present = present
+        self._logged_at = {key: at for key, at in self._logged_at.items() if now - at < REPEAT_S or key in present}
 
 
 def stamp_offset_s(earlier: Source, later: Source) -> float:
@@ -181,11 +185,11 @@ def _content(config: Config, source: Source, messages: int) -> Iterator[Finding]
         yield Finding(
             f"{source.name}: malformed", f"{source.topic}: expected {type_name(source.kind)}, seen unreadable bytes"
         )
-    if source.frame != source.first_frame:
+    if source.strange_frame:
         yield Finding(
             f"{source.name}: frame",
             f"{source.topic}: expected frame {frame_id(source.first_frame)!r} as in the first message, "
-            f"seen {frame_id(source.frame)!r}; do two sensors publish on it?",
+            f"seen {frame_id(source.strange_frame)!r}; do two sensors publish on it?",
         )
 
 

@@ -29,6 +29,9 @@ Deliver = Callable[[int, int, float], None]
 REMEMBERED = 64
 """Stamps kept of each input, to measure the offset between two of them."""
 
+STRANGE_S = 10.0
+"""A frame that differs from the first one is told of for this long."""
+
 FRAME_FORGOTTEN_S = 60.0
 """A frame that differs from the first one this long is taken for the new usual one."""
 
@@ -57,6 +60,7 @@ class Source:
     rejected : messages that held no sample, by reason.
     stamps : of the last messages, ns.
     frame : serialised frame_id of the last message; `first_frame` of the first.
+    strange_frame : one that differed from the first, lately; else empty.
     absence : why the last message without a sample held none.
     """
 
@@ -71,7 +75,8 @@ class Source:
         self.frame = self.first_frame = b""
         self.absence = ""
         self._looked: dict[str, int] = {}
-        self._frame_changed = 0.0
+        self.strange_frame = b""
+        self._strange_at, self._usual_until = 0.0, time.monotonic()
         self._on_error = on_error
         self.qos = input_qos()
         self._node = node
@@ -114,12 +119,12 @@ class Source:
         if self.messages != self._heard:
             self._heard, self._heard_at = self.messages, now
         self._looked = dict(self.rejected)
-        if self.frame == self.first_frame:
-            self._frame_changed = 0.0
-        elif not self._frame_changed:
-            self._frame_changed = time.monotonic()
-        elif time.monotonic() - self._frame_changed > FRAME_FORGOTTEN_S:
+        if now - self._usual_until > FRAME_FORGOTTEN_S:
             self.first_frame = self.frame
+        if self.frame == self.first_frame:
+            self._usual_until = now
+        if now - self._strange_at > STRANGE_S:
+            self.strange_frame = b""
         return now - self._heard_at
 
     @property
@@ -131,6 +136,8 @@ class Source:
         """Remember the frame of the last message."""
         self.first_frame = self.first_frame or frame
         self.frame = frame
+        if frame != self.first_frame:
+            self.strange_frame, self._strange_at = frame, time.monotonic()
 
     def _guarded(self, callback: Callable[[bytes], None]) -> Callable[[bytes], None]:
         """Return the callback in a form that counts and survives whatever a message provokes."""
