@@ -182,6 +182,38 @@ def test_start_up_values(graph):
     assert process.stop() == 0
 
 
+def test_a_configuration_without_estimator_is_told_and_can_be_corrected(graph):
+    from std_srvs.srv import Trigger
+    from test_ros_node import diagnostics
+
+    process = graph.start_node({"theory.kind": "table", "theory.table": "/no/such/curve.csv"})
+    assert "/no/such/curve.csv" in process.output()
+    feeder = ros_graph.Feeder(graph)
+    feeder.matched()
+    feeder.pair(10**18, 0.1, 2.0)
+    values = diagnostics(graph, lambda v: v["estimator level"] == 2 and v["samples lost"] == "1")
+    assert "/no/such/curve.csv" in values["estimator message"]
+    for service in ("reset", "save", "load"):
+        answer = graph.call(Trigger, f"{NODE}/{service}")
+        assert not answer.success
+        assert "/no/such/curve.csv" in answer.message
+    assert not graph.call_set(NODE, learned__fir_taps=[1.0]).successful
+    assert list(graph.call_get(NODE, "learned.fir_taps")) == []
+    assert graph.call_set(NODE, theory__kind="seal").successful
+    assert graph.call(Trigger, f"{NODE}/reset").success
+    feeder.pair(10**18 + 10**6, 0.1, 2.0)
+    diagnostics(graph, lambda v: v["predictions"] == "1" and v["estimator level"] == 0)
+    assert process.stop() == 0
+
+
+def test_learned_values_of_another_structure_start_cold(graph):
+    process = graph.start_node({"fir.order": 3, "learned.fir_taps": [1.0, 0.5]})
+    assert "starting cold" in process.output()
+    assert "learned.fir_taps has 2 values" in process.output()
+    assert len(graph.call_get(NODE, "learned.fir_taps")) == 4
+    assert process.stop() == 0
+
+
 def test_unusable_arguments_are_one_line(graph):
     file = graph.folder / "broken.yaml"
     file.write_text("/**:\n  ros__parameters: [1, 2\n")
