@@ -20,7 +20,7 @@ from friction_estimator.core.intake import Intake
 
 def start(made: Graph, variant: str) -> Process:
     if variant == "node":
-        return made.start_node()
+        return made.start_node(deep=False)
     if variant == "node, stock executor":
         ros = [word for name, value in RELIABLE.items() for word in ("-p", f"{name}:={value}")]
         process = made.start(str(HERE / "stock_node.py"), "--ros-args", *ros)
