@@ -42,11 +42,15 @@ def events(seed, count=400):
 @pytest.mark.parametrize("model", ["parallel", "hammerstein"])
 @pytest.mark.parametrize("law", ["lms", "nlms", "rls"])
 @settings(deadline=None, max_examples=8)
-@given(seed=st.integers(0, 10**6), sign=st.sampled_from([1, -1]), slop=st.sampled_from([0.0, 0.002]))
-def test_live_equals_offline(model, law, seed, sign, slop):
-    config = with_live_units(
-        Config.from_mapping({"model.type": model, "model.law": law, "input.friction_sign": sign, "sync.slop": slop})
-    )
+@given(
+    seed=st.integers(0, 10**6),
+    sign=st.sampled_from([1, -1]),
+    slop=st.sampled_from([0.0, 0.002]),
+    force_unit=st.sampled_from([0.0, 5e3]),  # at 5 kN the theoretical curve is scaled
+)
+def test_live_equals_offline(model, law, seed, sign, slop, force_unit):
+    settings_given = {"input.friction_sign": sign, "sync.slop": slop, "force_unit": force_unit}
+    config = with_live_units(Config.from_mapping({"model.type": model, "model.law": law, **settings_given}))
     stream, stamp, value = events(seed)
     intake, estimator = Intake(config), Estimator(config)
     samples = intake.push(stream, stamp, value)

@@ -93,6 +93,7 @@ class LiveStep(Events):
         )
         model = estimator.model
         basis, curve = model.basis, model.theory
+        self._theory_scale = model.theory_scale
         self._usual = (
             model.extension is None and isinstance(basis, WaveletBasis) and isinstance(curve, SealCurve | None)
         )
@@ -170,7 +171,7 @@ class LiveStep(Events):
             self._pressure[0] = pressure - self._ambient if isfinite(pressure) else self._default_pressure
             self._temperature[0] = temperature if isfinite(temperature) else self._default_temperature
             _seal_loop(*self._seal)
-            self._theory[0] /= unit
+            self._theory[0] = self._theory_scale * self._theory.item() / unit
         self._target[0] = friction / unit
         inside = self._low <= velocity <= self._high
         if not inside:
