@@ -44,7 +44,7 @@ ERROR_MEMORY = 200.0
 QUIET_FALL, QUIET_RISE = 500.0, 5000.0
 """Samples over which the quiet error power follows a fall and a rise: it stays near the lower quarter of e^2."""
 
-ALARM_RATIO = 200.0
+ALARM_RATIO = 80.0
 """Running error power over quiet power beyond which the friction itself is taken to have changed."""
 
 LEAST_BACKOFF, RECOVERY = 1e-4, 1e-4
