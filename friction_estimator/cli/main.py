@@ -18,6 +18,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "play": ("play", "publish a recording to the live node"),
     "replay": ("replay", "the estimator over a recording, as fast as the machine goes"),
     "identify": ("identify", "batch reference fit: the best this structure can do on this record"),
+    "reproduce": ("reproduce", "the paper's Figs. 3-6 and a table of its claims"),
     "info": ("info", "what a recording holds, and what can be identified from it"),
 }
 """Every verb. Its module has `add_parser(subparsers)`, which adds the parser named like the verb, and `run(args)`,
