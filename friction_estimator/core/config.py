@@ -1,8 +1,7 @@
 """Every setting of the estimator, once: type, default, unit, bounds and meaning.
 
-The dataclasses below are the single source of the ROS parameters (ros/parameters.py declares them by
-reflection), of the YAML files that every verb reads, and of their documentation. A setting is addressed by
-its dotted name: `rls.forgetting_factor` is ``config.rls.forgetting_factor``.
+The dataclasses below are the single source of the ROS parameters, of the YAML files that every verb reads, and of their
+documentation. A setting is addressed by its dotted name: `fir.order` is ``config.fir.order``.
 """
 
 import difflib
