@@ -1,6 +1,7 @@
 """The verb `identify`: the contract's fields, the batch fit as a bound, the excess of the laws, wrong uses."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -125,3 +126,20 @@ def test_real_axis_frozen_after_the_first_half(capsys, tmp_path):
     assert result["nrmse_frozen"] < 0.85 * nrmse(friction[half:], known[half:])
     assert run("replay", tmp_path / "emps", "--model", "hammerstein", "--freeze-after", 0.5, "--json", "-") == 0
     assert json.loads(capsys.readouterr().out)["nrmse_frozen"] <= 0.055
+
+
+def test_extension_terms_are_fitted(capsys, tmp_path):
+    """With a spring on the load cell only the model that has the spring fits, from a file with learned values too."""
+    samples = to_samples(read_recording(DEMO), Config()).samples
+    position = np.cumsum(samples.velocity_m_s) * np.diff(samples.stamp_ns, prepend=samples.stamp_ns[0]) / 1e9
+    sprung = replace(samples, position_m=position, friction_N=samples.friction_N + 50.0 * position)
+    write_samples(tmp_path / "bag", sprung)
+    extended = tmp_path / "extended.yaml"
+    extended.write_text("/**:\n  ros__parameters:\n    extension: {terms: ['side_spring:centre=0.0']}\n")
+    plain = identified(capsys, tmp_path / "bag", "--fit-only")
+    assert run("identify", tmp_path / "bag", "--config", extended, "--fit-only", "--out", tmp_path / "out") == 0
+    capsys.readouterr()
+    fitted = identified(capsys, tmp_path / "bag", "--config", tmp_path / "out" / "config.yaml", "--law", "rls")
+    assert fitted["nrmse"] < 0.9 * plain["nrmse"]
+    assert fitted["parameters"]["extension_weights"] == pytest.approx([50.0], rel=0.15)
+    assert len(fitted["standard_errors"]["extension_weights"]) == 1

@@ -163,14 +163,6 @@ def test_missing_partners_are_counted(tmp_path, demo, capsys):
     assert result["samples"] == {"read": 1000, "used": 997, "rejected": {"unmatched": 3}}
 
 
-def test_a_constant_recording_gives_null_not_nan(tmp_path, demo, capsys):
-    still = replace(demo[:500], velocity_m_s=np.zeros(500), friction_N=np.full(500, 2.0))
-    write_samples(tmp_path / "still", still)
-    result = replayed(capsys, tmp_path / "still")
-    assert result["nrmse"] is None
-    assert result["nrmse_by_cycle"] == []
-
-
 @pytest.mark.parametrize(
     ("words", "code", "says"),
     [
@@ -223,3 +215,39 @@ def test_emps_is_predicted_without_a_configuration(shared_data, tmp_path, capsys
     result = replayed(capsys, tmp_path / "emps", "--law", "rls", "--model", "hammerstein", "--freeze-after", 0.5)
     assert result["samples"]["used"] == 24841
     assert result["nrmse_frozen"] <= 0.055
+
+
+@pytest.mark.parametrize("level", [0.0, 3.3])  # the standard deviation of 1000 times 3.3 is rounded to 4e-16
+@pytest.mark.parametrize("verb", ["replay", "identify"])
+def test_constant_friction_cannot_answer(tmp_path, capsys, demo, level, verb):
+    write_samples(tmp_path / "bag", replace(demo, friction_N=np.full(len(demo), level)))
+    assert main([verb, str(tmp_path / "bag"), "--json", "-"]) == 1
+    out, err = capsys.readouterr()
+    assert not out
+    assert f"friction is constant at {level:g} N" in err.splitlines()[-1]
+
+
+def test_a_clock_that_jumps_back_leaves_the_duration_positive(demo):
+    stamps = demo.stamp_ns.copy()
+    stamps[2000:] -= 3600 * 10**9
+    looped = replace(demo, stamp_ns=stamps, restart=np.isin(np.arange(len(demo)), (0, 2000)))
+    step_s = (stamps[1] - stamps[0]) / 1e9
+    assert looped.duration_s == pytest.approx(demo.duration_s - step_s)
+
+
+def test_an_end_at_rest_is_no_divergence(demo):
+    samples = with_rest(demo)
+    figures = replay(samples, with_recorded_units(Config(), samples.velocity_m_s, samples.friction_N)).figures()
+    assert figures["nrmse_final"] > 2.0
+    assert not figures["diverged"]
+
+
+def with_rest(samples: Samples) -> Samples:
+    """Return the samples, the last third at rest under a friction that hardly changes."""
+    rest = np.arange(len(samples)) >= 2 * len(samples) // 3
+    ripple = 1e-9 * (np.arange(len(samples)) % 2)
+    return replace(
+        samples,
+        velocity_m_s=np.where(rest, 0.0, samples.velocity_m_s),
+        friction_N=np.where(rest, 1.0 + ripple, samples.friction_N),
+    )

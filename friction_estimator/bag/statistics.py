@@ -19,7 +19,7 @@ class StreamStatistics:
     Attributes
     ----------
     messages, missing : with a value; without one (another joint's).
-    duration_s, rate_hz : last less first stamp; reciprocal of the median period.
+    duration_s, rate_hz : sum of the steps forward; reciprocal of the median period.
     jitter_s : half of the range that holds 98 % of the periods that are no gaps.
     gaps, longest_gap_s : periods longer than `sync.gap_factor` median periods; the longest period.
     zero_stamps, duplicate_stamps, backward_stamps, clock_jumps : stamps of zero, equal to the one before, before it
@@ -65,7 +65,7 @@ def describe(stream: Stream, sync: SyncConfig) -> StreamStatistics:
     return StreamStatistics(
         messages=len(stream),
         missing=stream.missing,
-        duration_s=float(stamps[-1] - stamps[0]) / NS_PER_S if stamps.size else np.nan,
+        duration_s=float(forward.sum()) / NS_PER_S if stamps.size else np.nan,
         rate_hz=NS_PER_S / period_ns,
         jitter_s=float(np.ptp(np.quantile(regular, [0.01, 0.99]))) / 2 / NS_PER_S if regular.size else np.nan,
         gaps=forward.size - regular.size,

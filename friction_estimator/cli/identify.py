@@ -12,11 +12,12 @@ from friction_estimator.cli.recorded import Loaded, add_model_options, load
 from friction_estimator.cli.replay import summarise
 from friction_estimator.core.adaptation import LAWS
 from friction_estimator.core.batch import BatchFit, fit_batch
-from friction_estimator.core.errors import ConfigError, UnanswerableError
+from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.estimator import Estimator
 from friction_estimator.core.metrics import nrmse
-from friction_estimator.core.replay import Replay, replay
+from friction_estimator.core.replay import Replay, check_answerable, replay
 from friction_estimator.core.sample import Bools
+from friction_estimator.effects.extension import extension_from_config
 
 SCHEMA = "friction_estimator/identify/1"
 
@@ -51,10 +52,11 @@ def run(args: argparse.Namespace) -> int:
     output = common.Output(args.json)
     loaded = load(args, output, {"model.type": args.model})
     samples, config = loaded.samples, loaded.config
+    check_answerable(samples)
     learned = _learned(len(samples), args.freeze_after)
     begin = time.perf_counter()
     with common.progress("fitting", len(samples)) as advance:
-        fit = fit_batch(samples, config, use=learned)
+        fit = fit_batch(samples, config, extension_from_config(config), use=learned)
         advance(len(samples))
     seconds = time.perf_counter() - begin
     result = _as_replay(loaded, fit, learned, seconds)
@@ -73,8 +75,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _learned(n: int, freeze_after: float | None) -> Bools:
     """Return which of n samples are fitted, (n,)."""
-    if n < 2:
-        raise UnanswerableError(f"{n} usable samples: at least two are needed")
     if freeze_after is not None and not 0.0 < freeze_after <= 1.0:
         raise ConfigError(f"freeze-after is {freeze_after:g}: give the fraction of the record to fit, above 0 to 1")
     return np.arange(n) < (n if freeze_after is None else max(1, round(freeze_after * n)))
@@ -82,7 +82,7 @@ def _learned(n: int, freeze_after: float | None) -> Bools:
 
 def _as_replay(loaded: Loaded, fit: BatchFit, learned: Bools, seconds: float) -> Replay:
     """Return the fit as a replay whose parameters never change: both are then scored and written alike."""
-    estimator = Estimator(loaded.config)
+    estimator = Estimator(loaded.config, extension_from_config(loaded.config))
     estimator.parameters = fit.parameters
     parallel = loaded.config.model.type == "parallel"
     stamps = loaded.samples.stamp_ns[[0, -1]]
@@ -114,6 +114,7 @@ def _identifiability(fit: BatchFit) -> dict[str, Any]:
             "fir_taps": errors.fir_taps,
             "theory_taps": errors.theory_taps if errors.theory_taps.size else None,
             "wavelet_weights": errors.wavelet_weights,
+            "extension_weights": errors.extension_weights if errors.extension_weights.size else None,
         },
     }
 
@@ -126,9 +127,10 @@ def _online(loaded: Loaded, fit: BatchFit, laws: list[str], freeze_after: float 
     with common.progress("online laws", len(laws) * len(samples)) as advance:
         for law in laws:
             config = loaded.config.updated({"model.law": law})
-            predicted = replay(samples, config, freeze_after=freeze_after, advance=advance).predicted_N
+            extension = extension_from_config(config)
+            online = replay(samples, config, extension=extension, freeze_after=freeze_after, advance=advance)
             whole, end = (
-                [nrmse(samples.friction_N[part], guess[part]) for guess in (predicted, fit.predicted_N)]
+                [nrmse(samples.friction_N[part], guess[part]) for guess in (online.predicted_N, fit.predicted_N)]
                 for part in (slice(None), last)
             )
             rows[law] = {

@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
         warn(doubt)
     with progress("writing", unit="messages") as advance:
         write_samples(args.out, samples, args.storage, progress=advance)
-    duration_s = float(samples.time_s[-1])
+    duration_s = samples.duration_s
     output = Output(args.json)
     output.say(
         f"{args.out}: {len(samples)} samples, {duration_s:.6g} s, {samples.sample_rate_hz:.6g} Hz, "

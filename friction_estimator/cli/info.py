@@ -100,7 +100,7 @@ def _pairing(admitted: "Admitted") -> dict[str, Any]:
         "gaps": admitted.gaps,
         "clock_jumps": admitted.jumps,
         "sample_rate_hz": admitted.samples.sample_rate_hz,
-        "duration_s": float(admitted.samples.time_s[-1]),
+        "duration_s": admitted.samples.duration_s,
     }
 
 

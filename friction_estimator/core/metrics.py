@@ -9,6 +9,21 @@ from friction_estimator.core.sample import Bools, Floats
 LEAST_CYCLES = 3
 """Fewer drive cycles than this are not reported as cycles."""
 
+ROUNDING = 1e-13
+"""A standard deviation below this share of the largest value is what rounding leaves of a constant."""
+
+
+def spread(values: Floats) -> float:
+    """Return the standard deviation, exactly 0 for a constant and for fewer than two values.
+
+    >>> spread(np.full(1000, 3.3)), float(np.std(np.full(1000, 3.3))) > 0.0
+    (0.0, True)
+    """
+    if values.size < 2:
+        return 0.0
+    deviation = float(np.std(values))
+    return deviation if deviation > ROUNDING * float(np.max(np.abs(values))) else 0.0
+
 
 def nrmse(measured: Floats, predicted: Floats) -> float:
     """Return rms(measured - predicted) / std(measured); NaN below two samples or where the signal is constant.
@@ -16,20 +31,16 @@ def nrmse(measured: Floats, predicted: Floats) -> float:
     >>> nrmse(np.array([0.0, 2.0]), np.array([1.0, 1.0]))
     1.0
     """
-    if measured.size < 2:
-        return float("nan")
-    spread = float(np.std(measured))
-    if not spread > 0.0:
-        return float("nan")
-    return float(np.sqrt(np.mean(np.square((measured - predicted) / spread))))
+    scale = spread(measured)
+    return float(np.sqrt(np.mean(np.square((measured - predicted) / scale)))) if scale > 0.0 else float("nan")
 
 
 def nrmse_persistence(measured: Floats, restart: Bools) -> float:
     """Return the nrmse of the guess f[k-1]; samples after a restart have no predecessor and are left out."""
     follows = ~restart[1:]
     error = np.diff(measured)[follows]
-    spread = float(np.std(measured[1:][follows])) if error.size > 1 else 0.0
-    return float(np.sqrt(np.mean(np.square(error / spread)))) if spread > 0.0 else float("nan")
+    scale = spread(measured[1:][follows])
+    return float(np.sqrt(np.mean(np.square(error / scale)))) if scale > 0.0 else float("nan")
 
 
 def drive_cycles(velocity_m_s: Floats) -> list[slice]:
@@ -63,12 +74,12 @@ def drive_cycles(velocity_m_s: Floats) -> list[slice]:
 
 def by_cycle(measured: Floats, predicted: Floats, velocity_m_s: Floats) -> list[float]:
     """Return the error rms of each drive cycle over the std of the whole record (tenths where there is no cycle)."""
-    spread = float(np.std(measured)) if measured.size else 0.0
-    if not spread > 0.0:
+    scale = spread(measured)
+    if not scale > 0.0:
         return []
     parts = drive_cycles(velocity_m_s)
     if not parts:
         edges = np.linspace(0, measured.size, 11).astype(int)
         parts = [slice(a, b) for a, b in pairwise(edges) if b > a]
-    error = (measured - predicted) / spread
+    error = (measured - predicted) / scale
     return [float(np.sqrt(np.mean(np.square(error[part])))) for part in parts]

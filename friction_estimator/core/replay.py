@@ -21,7 +21,7 @@ SNAPSHOTS = 200
 """Parameter snapshots kept over a replay."""
 
 DIVERGED = 2.0
-"""A final nrmse above this is divergence: twice as bad as the mean of the record."""
+"""An error rms over the last fifth above this many standard deviations of the whole record is divergence."""
 
 
 @dataclass(frozen=True)
@@ -66,11 +66,12 @@ class Replay:
         measured, predicted = self.samples.friction_N, self.predicted_N
         last = slice(len(self.samples) - max(2, len(self.samples) // 5), None)
         final = metrics.nrmse(measured[last], predicted[last])
+        end_rms = float(np.sqrt(np.mean(np.square(self.residual_N[last]))))
         frozen = ~self.learned
         theory = None if self.theory_N is None else metrics.nrmse(measured, self.theory_N)
         return {
             "sample_rate_hz": self.samples.sample_rate_hz,
-            "duration_s": float(self.samples.time_s[-1]),
+            "duration_s": self.samples.duration_s,
             "nrmse": metrics.nrmse(measured, predicted),
             "nrmse_persistence": metrics.nrmse_persistence(measured, self.samples.restart),
             "nrmse_final": final,
@@ -78,7 +79,7 @@ class Replay:
             "nrmse_frozen": metrics.nrmse(measured[frozen], predicted[frozen]) if frozen.any() else None,
             "fit_percent": 100.0 * (1.0 - final),
             "theory_nrmse": theory,
-            "diverged": bool(not np.isfinite(predicted).all() or final > DIVERGED),
+            "diverged": bool(not np.isfinite(predicted).all() or end_rms > DIVERGED * metrics.spread(measured)),
             "samples_per_second": len(self.samples) / self.seconds if self.seconds > 0.0 else None,
             "parameters": parameters_of(self.config, self.parameters),
         }
@@ -102,12 +103,11 @@ def replay(
 
     Raises
     ------
-    UnanswerableError : fewer than two samples.
+    UnanswerableError : fewer than two samples, or constant friction.
     ConfigError : `freeze_after` outside (0, 1].
     """
+    check_answerable(samples)
     n = len(samples)
-    if n < 2:
-        raise UnanswerableError(f"{n} usable samples: at least two are needed")
     if freeze_after is not None and not 0.0 < freeze_after <= 1.0:
         raise ConfigError(
             f"freeze-after is {freeze_after:g}: give the fraction of the record to learn on, above 0 to 1"
@@ -141,6 +141,17 @@ def replay(
         seconds=seconds,
         estimator=estimator,
     )
+
+
+def check_answerable(samples: Samples) -> None:
+    """Raise UnanswerableError where no figure of merit exists: fewer than two samples, or constant friction."""
+    if len(samples) < 2:
+        raise UnanswerableError(f"{len(samples)} usable samples: at least two are needed")
+    if not metrics.spread(samples.friction_N) > 0.0:
+        raise UnanswerableError(
+            f"friction is constant at {samples.friction_N[0]:g} N in all {len(samples)} samples: there is nothing to "
+            "predict; is it the right topic, axis or joint?"
+        )
 
 
 def parameters_of(config: Config, parameters: Parameters) -> dict[str, Any]:

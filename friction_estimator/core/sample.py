@@ -57,6 +57,12 @@ class Samples:
         return (self.stamp_ns - self.stamp_ns[:1]) / NS_PER_S
 
     @property
+    def duration_s(self) -> float:
+        """Time that passed from the first to the last sample, s; backward jumps of the clock do not count."""
+        step = np.diff(self.stamp_ns)
+        return float(step[step > 0].sum() / NS_PER_S)
+
+    @property
     def sample_rate_hz(self) -> float:
         """Median sample rate inside gap-free pieces, Hz; NaN below two samples."""
         step = np.diff(self.stamp_ns)[~self.restart[1:]]
