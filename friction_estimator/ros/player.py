@@ -24,8 +24,9 @@ from friction_estimator.core.sample import NS_PER_S
 DEPTH = 10_000
 """Messages kept a topic until they are acknowledged."""
 
-SETTLED_S = 0.5
-"""Subscribers count as complete when none was added for so long."""
+SETTLED_S = 3.5
+"""Subscribers count as complete when none was added for so long: DDS participants announce themselves every 3 s, and
+on a busy machine one whose first announcements went unheard appears only then."""
 
 ACKNOWLEDGE_S = 30.0
 
@@ -193,8 +194,8 @@ class Player:
             matched = [publisher.get_subscription_count() for publisher in publishers]
             wanted = [self._node.count_subscribers(publisher.topic_name) for publisher in publishers]
             now = time.monotonic()
-            if matched != known:
-                known, since = matched, now
+            if [*matched, *wanted] != known:
+                known, since = [*matched, *wanted], now
             complete = any(matched) and all(m >= w for m, w in zip(matched, wanted, strict=True))
             if complete and now - since >= SETTLED_S:
                 return
