@@ -175,9 +175,11 @@ def repaired(raw: Record, config: Config, context: Context) -> tuple[Record, Con
             findings.append(finding)
             record = _with_velocity(record, config, finding.velocity_m_s)
     fit = fit_base(record, config)
-    error = float(np.mean(np.square(fit.residual_N[record.used])))
+    error = float(np.var(fit.residual_N[record.used]))
     lattice = quality.quantization(record, error)
     step = quality.lattice_step(record.friction_N)
+    if lattice is not None:
+        record = _recentred(record, config, step)
     for finding in (lattice, quality.saturation(record, step), quality.dropout(record, step)):
         if finding is not None:
             findings.append(finding)
@@ -214,6 +216,17 @@ def _confirmed(findings: Sequence[Finding], raw: Record, final: Joint, coarse: b
     return out
 
 
+def _recentred(record: Record, config: Config, step_N: float) -> Record:
+    """Return the record with half a step added where values were cut off rather than rounded.
+
+    Cutting off shifts the mean by half a step; that much, to a sixth of a step, is the lattice's and no bias.
+    """
+    bias = float(fit_base(record, config, np.ones((record.used.size, 1))).extra_weights[0])
+    if abs(abs(bias) - 0.5 * step_N) > step_N / 6.0:
+        return record
+    return record.with_force(record.friction_N - np.sign(bias) * 0.5 * step_N, record.used)
+
+
 def _with_velocity(record: Record, config: Config, velocity_m_s: Floats | None) -> Record:
     """Return the record with another velocity, its features computed anew."""
     if velocity_m_s is None:
@@ -246,7 +259,9 @@ def _named(
     spread = float(np.std(record.friction_N[record.used]))
     out = []
     for i, cause in enumerate(found.causes):
-        rivals = tuple(dict.fromkeys([*cause.rivals, *structural_rivals(cause.name, record, context)]))
+        also = [*cause.rivals, *structural_rivals(cause.name, record, context)]
+        named = {c.name for c in found.causes}
+        rivals = tuple(name for name in dict.fromkeys(also) if name not in named)
         out.append(
             Found(
                 name=cause.name,

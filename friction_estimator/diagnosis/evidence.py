@@ -232,7 +232,10 @@ def null_maximum(
     signs = evidence.flips(count)
     best = np.zeros(count)
     for (left, pulls), rule in zip(projections, rules, strict=True):
-        scale = np.sqrt(np.maximum(np.diag(left), 1e-300))
+        power = np.diag(left)
+        if not np.isfinite(left).all() or power.min() <= 0.0:
+            continue
+        scale = np.sqrt(power)
         values, vectors = np.linalg.eigh(left / np.outer(scale, scale))
         keep = values > 1e-6
         white = (signs @ (pulls / scale)) @ vectors[:, keep] / np.sqrt(values[keep])

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from friction_estimator.core.sample import Floats
+from friction_estimator.core.sample import Floats, Ints
 from friction_estimator.diagnosis.record import FEWEST_BLOCKS, Record
 from friction_estimator.effects.features import Context
 
 FEWEST_REVERSALS = 4
-ONE_SPEED = 0.12
-"""Speeds within this share of each other count as one."""
+ONE_SPEED = 1.6
+"""Speeds within this factor count as one."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ def assess(record: Record, context: Context) -> Excitation:
             f"{record.reversals} reversals in {record.blocks} blocks are too few to tell causes apart: record at least "
             f"{FEWEST_BLOCKS} strokes"
         )
-    levels = speed_levels(v)
+    levels = speed_levels(v, record.recording)
     if levels:
         shown = " and ".join(f"{level:+.3g}" for level in levels)
         warnings.append(
@@ -66,22 +66,30 @@ def assess(record: Record, context: Context) -> Excitation:
     )
 
 
-def speed_levels(velocity_m_s: Floats) -> list[float]:
-    """Return the few speeds at which a shaft runs nearly all of its moving time; empty where it covers a range."""
-    top = float(np.quantile(np.abs(velocity_m_s), 0.99))
-    if top <= 0.0:
-        return []
+def speed_levels(velocity_m_s: Floats, recording: Ints) -> list[float]:
+    """Return the speeds at which a shaft runs, one or two for each direction, where it runs at constant speed.
+
+    A direction of a recording is at constant speed where the middle 70 % of its moving samples lie within a factor of
+    `ONE_SPEED`; a sine spreads over a factor of three. Empty where any direction covers a range.
+    """
     found: list[float] = []
-    covered = 0
-    moving = velocity_m_s[np.abs(velocity_m_s) > 0.15 * top]
-    for side in (moving[moving > 0.0], moving[moving < 0.0]):
-        if side.size < 0.05 * moving.size:
-            continue
-        middle = float(np.median(side))
-        near = np.abs(side - middle) < 2.5 * ONE_SPEED * abs(middle)
-        covered += int(near.sum())
-        found.append(middle)
-    return found if moving.size and covered > 0.85 * moving.size else []
+    for number in np.unique(recording):
+        mine = velocity_m_s[recording == number]
+        for sign in (1.0, -1.0):
+            speed = sign * mine[sign * mine > 0.0]
+            speed = np.abs(speed)
+            if speed.size < 0.1 * mine.size:
+                continue
+            speed = speed[speed > 0.25 * float(np.median(speed))]
+            low, high = np.quantile(speed, [0.15, 0.85])
+            if high > ONE_SPEED * low:
+                return []
+            found.append(sign * float(np.median(speed)))
+    levels: list[float] = []
+    for value in sorted(found):
+        if not levels or value * levels[-1] < 0.0 or abs(value - levels[-1]) > 0.6 * abs(value):
+            levels.append(value)
+    return levels
 
 
 def pressure_levels(record: Record) -> list[float]:

@@ -99,8 +99,9 @@ def fit_joint(
     splines, order = capacity.splines, capacity.order
     base = start or fit_base(record, config, splines=splines, order=order)
     terms = list(terms)
+    best: tuple[float, BaseFit, list[Term], list[Floats], Reference, Features] | None = None
     for number in range(rounds if terms else 1):
-        before = [t.params for t in terms]
+        before = list(terms)
         reference = reference_of(base, record, context.sign_velocity_m_s)
         features = with_running_force(record.features, reference)
         columns = [columns_of(t.effect, t.params, features, reference) for t in terms]
@@ -122,15 +123,27 @@ def fit_joint(
         moved = record.with_force(record.friction_N - fixed, record.used)
         base = fit_base(moved, config, np.column_stack(free) if free else None, splines, order, base, 2)
         terms = _weighted(terms, columns, base.extra_weights)
+        power = float(np.mean(np.square(base.residual_N[record.used])))
+        if best is None or power < best[0]:
+            best = power, base, list(terms), list(columns), reference, features
         if number and _largest_change(before, terms) < SETTLED:
             break
+    if best is not None:
+        # The alternation swings where base and effect can stand in for each other: the best round counts.
+        _, base, terms, columns, reference, features = best
     return _finished(record, base, terms, columns, reference, features)
 
 
-def _largest_change(before: Sequence[dict[str, float]], terms: Sequence[Term]) -> float:
-    """Return the largest relative change of a refined parameter."""
-    pairs = [(old[n], t.params[n]) for old, t in zip(before, terms, strict=True) for n in t.effect.refined]
-    return max((abs(new - old) / max(abs(old), 1e-300) for old, new in pairs), default=0.0)
+def _largest_change(before: Sequence[Term], terms: Sequence[Term]) -> float:
+    """Return the largest relative change of a refined parameter, or of a term's coefficients."""
+    pairs = [(o.params[n], t.params[n]) for o, t in zip(before, terms, strict=True) for n in t.effect.refined]
+    steps = [abs(new - old) / max(abs(old), 1e-300) for old, new in pairs]
+    for old, new in zip(before, terms, strict=True):
+        if old.weights.shape != new.weights.shape:
+            return np.inf
+        size = float(np.linalg.norm(new.weights)) or 1.0
+        steps.append(float(np.linalg.norm(new.weights - old.weights)) / size)
+    return max(steps, default=0.0)
 
 
 def _without(terms: Sequence[Term], index: int) -> list[Term]:

@@ -9,6 +9,7 @@ from friction_estimator.core.config import Config
 from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.base import SPLINES, OddCurve, fit_base, lagged, piece_starts
 from friction_estimator.diagnosis.evidence import Evidence, Fit, Moments, Rule, null_maximum
+from friction_estimator.diagnosis.excitation import pressure_order
 from friction_estimator.diagnosis.joint import (
     SETTLED_ROUNDS,
     Capacity,
@@ -20,6 +21,7 @@ from friction_estimator.diagnosis.joint import (
 from friction_estimator.diagnosis.library import Hypothesis, build_library
 from friction_estimator.diagnosis.products import inner
 from friction_estimator.diagnosis.record import Record
+from friction_estimator.diagnosis.words import ONE_ORDER
 from friction_estimator.effects.base import EFFECTS
 from friction_estimator.effects.features import Context
 
@@ -40,8 +42,13 @@ CANDIDATES = 6
 CONTENDER = 0.25
 """Share of the best screened gain below which an effect is not refitted."""
 
+MEASURED_SHARE = 0.7
+"""Of the best gain: what a recorded variable must explain to be preferred to an unrecorded one."""
+
 SECOND_SHARE = 0.02
-"""A further cause must bring this share of the first one's gain."""
+ALIKE_SHARE = 0.10
+"""A further cause must bring this share of the first one's gain; the larger where both act near reversals, since what
+another functional form of the first leaves there looks like the second."""
 
 MOST_CAUSES = 4
 SET_ERRORS = 2.0
@@ -176,6 +183,8 @@ def search(
         out = {t.name for t in model.terms} | set(asked)
         families = {t.effect.family for t in model.terms}
         out |= {n for n, cls in EFFECTS.items() if cls.family in families}
+        if "pressure_dependence" in out and pressure_order(record):
+            out |= set(ONE_ORDER)
         progress(f"screening for cause {len(causes) + 1}", 0.15 + 0.2 * len(causes))
         library = build_library(model.features, model.reference, context, evidence, out)
         screened = screen(evidence, library)
@@ -183,27 +192,26 @@ def search(
         thresholds = tuple(float(np.quantile(n, 1.0 - LEVEL / 2.0)) * MARGIN for n in (null, wide))  # type: ignore[assignment]
         least = LEAST_SHARE * float(evidence.ee.sum()) + coarse_N2 * evidence.samples
         passing = [s for s in screened if s.gain > max(thresholds[s.name in WIDE], least)]
-        finer = _capacity_gains(record, model, evidence, capacity) if not causes else {}
+        finer = _capacity_gains(record, model, evidence, capacity) if not causes and len(warnings) < 2 else {}
         wider = max(finer, key=lambda k: finer[k], default=None)
-        if wider is not None and finer[wider] > max(
-            3.0 * thresholds[0], least, 1.0 * max((s.gain for s in screened), default=0.0)
-        ):
+        lack = finer[wider] if wider is not None else 0.0
+        found = None
+        if passing and len(causes) < MOST_CAUSES:
+            progress(f"comparing causes {len(causes) + 1}", 0.2 + 0.2 * len(causes))
+            found = compare(record, config, context, model, losses[-1], passing, capacity, seed)
+        if wider is not None and lack > max(3.0 * thresholds[0], least, found[4] if found else 0.0):
             capacity = wider
             what = "a finer static curve" if wider.splines > SPLINES else "a longer memory"
             warnings.append(f"the base model needed {what} than usual; that is lack of fit, no cause")
             base = fit_base(record, config, splines=capacity.splines, order=capacity.order)
             models = [fit_joint(record, config, context, start=base, capacity=capacity)]
             losses = [cross_validated_loss(models[0], record, seed)]
-            if len(warnings) <= 2:
-                continue
-        if not passing or len(causes) >= MOST_CAUSES:
-            break
-        progress(f"comparing causes {len(causes) + 1}", 0.2 + 0.2 * len(causes))
-        found = compare(record, config, context, model, losses[-1], passing, capacity, seed)
+            continue
         if found is None:
             break
         winner, joint, loss, rivals, gain = found
-        if causes and gain < SECOND_SHARE * causes[0].gain:
+        alike = winner in NEAR_REVERSAL and any(c.name in NEAR_REVERSAL for c in causes)
+        if causes and gain < (ALIKE_SHARE if alike else SECOND_SHARE) * causes[0].gain:
             break
         if gain < max(thresholds[winner in WIDE], least):
             break
@@ -241,7 +249,8 @@ def compare(
         joint = fit_joint(record, config, context, terms, start=model.base, capacity=capacity)
         fits[item.name] = (joint, cross_validated_loss(joint, record, seed))
     gains = {n: float((loss - after).sum()) for n, (_, after) in fits.items()}
-    best = max(gains.values())
+    gains = {n: g for n, g in gains.items() if np.isfinite(g)}
+    best = max(gains.values(), default=0.0)
     if best <= 0.0:
         return None
     for name in [n for n in gains if gains[n] > 0.9 * best]:
@@ -252,6 +261,11 @@ def compare(
         fits[name] = (settled, cross_validated_loss(settled, record, seed))
         gains[name] = float((loss - fits[name][1]).sum())
     winner = max(gains, key=lambda n: gains[n])
+    # A recorded pressure that changed is preferred to an unrecorded cause that would have had to change with it, where
+    # the order of pressures cannot separate the two (decision 0021).
+    measured = gains.get("pressure_dependence", 0.0) > MEASURED_SHARE * gains[winner]
+    if winner in ONE_ORDER and measured and pressure_order(record):
+        winner = "pressure_dependence"
     joint, lowest = fits[winner]
     rivals = []
     for name in sorted(gains, key=lambda n: -gains[n]):
@@ -264,7 +278,15 @@ def compare(
     return winner, joint, lowest, tuple(rivals), gains[winner]
 
 
-NEAR_REVERSAL = ("time_delay", "sensor_lowpass", "frictional_lag", "presliding", "backlash")
+NEAR_REVERSAL = (
+    "time_delay",
+    "sensor_lowpass",
+    "frictional_lag",
+    "presliding",
+    "backlash",
+    "squeeze_film",
+    "breakaway",
+)
 
 
 def _capacity_gains(record: Record, model: Joint, evidence: Evidence, capacity: Capacity) -> dict[Capacity, float]:

@@ -113,6 +113,11 @@ class ViscosityDrift(Effect):
         """Drop and time constant."""
         return {"drop": (1.0 - float(np.exp(-weights[0])), ""), "time_constant": (params["time_constant"], "s")}
 
+    @classmethod
+    def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
+        """Never beyond four times the recording: a longer one is a straight line, and so is that."""
+        return (value / 2.5, min(value * 2.5, 4.0 * context.duration_s))
+
     signs = (1,)
     refined = ("time_constant",)
 
@@ -165,6 +170,11 @@ class Wear(Effect):
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
         """Relative change and length."""
         return {"change": (float(weights[0]), ""), "length": (params["length"], "m")}
+
+    @classmethod
+    def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
+        """Never beyond four times the distance run: a longer one is a straight line, and so is that."""
+        return (value / 2.5, min(value * 2.5, 4.0 * context.distance_m))
 
     refined = ("length",)
 

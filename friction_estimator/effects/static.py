@@ -55,8 +55,9 @@ class DirectionAsymmetry(Effect):
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
-        """Relative difference."""
-        return {"asymmetry": (float(np.sum(weights)), "")}
+        """Relative difference of the friction at the rms speed of a sine."""
+        shape = np.array([1.0, 2.0**-0.25])[: len(weights)]
+        return {"asymmetry": (float(shape @ weights), "")}
 
     signs = (0, 0)
 
@@ -93,10 +94,10 @@ class PositionDependence(Effect):
 
     @classmethod
     def grid(cls, context: Context) -> list[dict[str, float]]:
-        """Wavelengths between 1/80 and the stroke, evenly in wave number, half a wave apart at most."""
+        """Wavelengths between 1/160 and half of the stroke, evenly in wave number, half a wave apart at most."""
         if context.stroke_m <= 0.0:
             return []
-        waves = np.concatenate([np.arange(1.0, 10.0, 0.25), np.arange(10.0, 80.0, 0.5)])
+        waves = np.concatenate([np.arange(2.0, 10.0, 0.25), np.arange(10.0, 160.0, 0.5)])
         return chosen(context.stroke_m / waves, "wavelength")
 
     @classmethod
@@ -124,7 +125,7 @@ class PositionDependence(Effect):
         """To the neighbouring wave numbers."""
         wave = context.stroke_m / value
         reach = 0.25 if wave < 10.0 else 0.5
-        return (context.stroke_m / (wave + reach), context.stroke_m / max(wave - reach, 0.5))
+        return (context.stroke_m / (wave + reach), context.stroke_m / max(wave - reach, 1.5))
 
     signs = (0, 0, 0, 0)
     refined = ("wavelength",)
@@ -141,7 +142,7 @@ class PressureDependence(Effect):
     keys = (
         Key("boundary", "N/Pa", 1e-6, -1e3, 1e3, "change of the Coulomb level per pressure"),
         Key("viscous", "N s/m/Pa", 0.0, -1e6, 1e6, "change of the viscous slope per pressure"),
-        form_key("with the square root of the pressure"),
+        form_key("with the square root of the pressure, of the same range"),
     )
     size_key = "boundary"
     reveals = "pressure_Pa"
@@ -160,8 +161,8 @@ class PressureDependence(Effect):
         """Add the term."""
         pressure = trace.pressure_Pa
         if self["form"] >= 0.5:
-            top = max(float(pressure.max()), 1.0)
-            pressure = top * np.sqrt(np.maximum(pressure, 0.0) / top)
+            root = np.sqrt(np.maximum(pressure, 0.0))
+            pressure = root * (np.ptp(pressure) / max(float(np.ptp(root)), 1e-300))
         lift = pressure - pressure.mean()
         shape = self["boundary"] * np.tanh(trace.velocity_m_s / 2e-3) + self["viscous"] * trace.velocity_m_s
         return trace.with_friction(trace.friction_N + lift * shape)
