@@ -1,6 +1,7 @@
 """Files that are never half written, and the one configuration format (a ROS parameter file)."""
 
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -14,6 +15,26 @@ from friction_estimator.core.config import Config, Value
 from friction_estimator.core.errors import ConfigError, InputError
 
 _PATH_PARAMETERS = ("theory.table", "state.file")
+
+
+class _Loader(yaml.SafeLoader):
+    """Reads numbers as ROS does: `1e-3` is one, for PyYAML it is a word."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
+)
+
+
+class _Word(str):
+    """A word that is written in quotes: ROS reads a bare `y` as true and `1e3` as a number."""
+
+
+class _Dumper(yaml.SafeDumper):
+    pass
+
+
+_Dumper.add_representer(_Word, lambda dumper, word: dumper.represent_scalar("tag:yaml.org,2002:str", word, style="'"))
 
 
 @contextmanager
@@ -37,7 +58,11 @@ def atomic_path(final: str | os.PathLike[str]) -> Iterator[Path]:
         if part.is_dir() and target.is_dir():
             old = scratch / "old"
             target.rename(old)
-            part.rename(target)
+            try:
+                part.rename(target)
+            except BaseException:  # an interrupt, too
+                old.rename(target)
+                raise
         else:
             if part.is_file():
                 with part.open("rb") as handle:
@@ -58,13 +83,14 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
 def read_parameters(path: str | os.PathLike[str], node: str = "friction_estimator") -> dict[str, Any]:
     """Read a ROS parameter file into dotted names; relative paths in it become relative to the file.
 
-    Sections `/**` and then the node's own (with or without a leading slash) are merged, the latter wins.
+    Sections `/**` and then the node's own are merged, the latter wins. The node's own is the one of its name, in any
+    namespace; where there is neither, the only one of whatever name.
 
     Raises InputError where the file cannot be read, ConfigError where it is no parameter file.
     """
     source = Path(path)
     try:
-        tree = yaml.safe_load(source.read_text(encoding="utf-8"))
+        tree = yaml.load(source.read_text(encoding="utf-8"), _Loader)
     except OSError as error:
         raise InputError(f"cannot read configuration {source}: {error.strerror}") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
@@ -73,15 +99,20 @@ def read_parameters(path: str | os.PathLike[str], node: str = "friction_estimato
         raise ConfigError(f"{source} is no YAML{at}: {str(error).splitlines()[0]}") from error
     if tree is None:
         return {}
-    values: dict[str, Any] = {}
-    sections = 0
-    for name in ("/**", node, f"/{node}"):
-        section = tree.get(name) if isinstance(tree, dict) else None
-        if isinstance(section, dict) and isinstance(section.get("ros__parameters"), dict):
-            sections += 1
-            values |= flatten(section["ros__parameters"])
+    sections = {
+        str(name): flatten(section["ros__parameters"])
+        for name, section in (tree.items() if isinstance(tree, dict) else ())
+        if isinstance(section, dict) and isinstance(section.get("ros__parameters"), dict)
+    }
     if not sections:
         raise ConfigError(f"{source} is no ROS parameter file: it needs '/**:' with 'ros__parameters:' below it")
+    own = [name for name in sections if name.rsplit("/", 1)[-1] == node]
+    own = own or ([] if "/**" in sections else list(sections))
+    if len(own) > 1:
+        raise ConfigError(f"{source} holds the parameters of several nodes ({', '.join(own)}): keep one of them")
+    values: dict[str, Any] = {}
+    for name in ("/**", *own):
+        values |= sections.get(name, {})
     for name in _PATH_PARAMETERS:
         if isinstance(values.get(name), str) and values[name]:
             values[name] = str(source.resolve().parent / values[name])
@@ -118,10 +149,12 @@ def write_config(path: str | os.PathLike[str], config: Config, *, header: str = 
         for group in groups:
             place = place.setdefault(group, {})
         place[leaf] = _plain(value)
-    text = yaml.safe_dump({"/**": {"ros__parameters": tree}}, sort_keys=False, width=100)
+    text = yaml.dump({"/**": {"ros__parameters": tree}}, Dumper=_Dumper, sort_keys=False, width=100)
     comment = "".join(f"# {line}\n" for line in header.splitlines())
     write_text(path, comment + text)
 
 
 def _plain(value: Value) -> Any:
-    return list(value) if isinstance(value, tuple) else value
+    if isinstance(value, tuple):
+        return [_plain(item) for item in value]
+    return _Word(value) if isinstance(value, str) else value
