@@ -26,7 +26,7 @@ from friction_estimator.core.sample import Samples
 HERE = Path(__file__).parent
 BLOCK = 200_000
 LIMIT = 2.0
-STEP_SIZES = {"lms": (0.002, 0.01), "nlms": (0.05, 1.0), "rls": (0.98, 1.0)}
+STEP_SIZES = {"lms": (0.002, 0.01), "nlms": (0.05, 0.5), "rls": (0.98, 1.0)}
 """Documented ranges (docs/adaptation.md)."""
 
 
