@@ -17,6 +17,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "import": ("import_", "table (CSV, .mat, .npz, .parquet) to recording"),
     "play": ("play", "publish a recording to the live node"),
     "replay": ("replay", "the estimator over a recording, as fast as the machine goes"),
+    "diagnose": ("diagnose", "what the simulation gets wrong: named cause, extended model, gain"),
     "identify": ("identify", "batch reference fit: the best this structure can do on this record"),
     "reproduce": ("reproduce", "the paper's Figs. 3-6 and a table of its claims"),
     "info": ("info", "what a recording holds, and what can be identified from it"),
