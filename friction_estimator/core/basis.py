@@ -30,6 +30,9 @@ LARGEST_BASIS = 4096
 class Basis(Protocol):
     """A basis of functions of velocity with a bounded number of non-zeros at every point."""
 
+    unit: float
+    """Velocity of one basis unit, m/s, at standstill where velocity is companded."""
+
     def __init__(self, config: BasisConfig) -> None: ...
 
     @property

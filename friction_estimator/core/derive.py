@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from friction_estimator.core.config import Config
+from friction_estimator.core.config import Config, LearnedConfig
 from friction_estimator.core.sample import Floats
 
 LIVE_VELOCITY_RANGE = (-0.15, 0.15)
@@ -19,8 +19,11 @@ def with_recorded_units(config: Config, velocity_m_s: Floats, friction_N: Floats
     """Fill in what is unset from a recording: a symmetric velocity range and the usual magnitude of friction.
 
     One wild velocity must not stretch the range: the 99.9 % quantile of |v| counts where the maximum is more than twice
-    as large. Non-finite values are passed over.
+    as large. Non-finite values are passed over. Learned values keep the units that they were learned in: those of the
+    live node, where their file leaves them open (a dump of a running node does).
     """
+    if config.learned != LearnedConfig():
+        return with_live_units(config)
     values: dict[str, object] = {}
     if not config.basis.velocity_range:
         speed = np.abs(velocity_m_s[np.isfinite(velocity_m_s)])

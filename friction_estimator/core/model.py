@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from friction_estimator.core.basis import Basis, basis_from_config
 from friction_estimator.core.config import Config
 from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.kernels import LARGEST_PARAMETER
 from friction_estimator.core.sample import Bools, Floats, Ints, Samples
 from friction_estimator.core.theory import TheoryCurve, theory_from_config
 
@@ -152,6 +153,8 @@ class Model:
                     "it was learned with another basis, order or set of terms; leave it empty to start cold"
                 )
             wanted[:] = given
+            if not np.all(np.abs(wanted) < LARGEST_PARAMETER):
+                raise ConfigError(f"learned.{name} is larger than {LARGEST_PARAMETER:g}: no estimator learned that")
         return start.theta
 
     def prior_deviation(self) -> Floats:

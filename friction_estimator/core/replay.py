@@ -11,7 +11,7 @@ from friction_estimator.core import metrics
 from friction_estimator.core.config import Config
 from friction_estimator.core.errors import ConfigError, UnanswerableError
 from friction_estimator.core.estimator import Estimator, Health
-from friction_estimator.core.model import Extension, Parameters
+from friction_estimator.core.model import Extension, Model, Parameters
 from friction_estimator.core.sample import Bools, Floats, Samples
 
 BLOCK = 65536
@@ -81,7 +81,7 @@ class Replay:
             "theory_nrmse": theory,
             "diverged": bool(not np.isfinite(predicted).all() or end_rms > DIVERGED * metrics.spread(measured)),
             "samples_per_second": len(self.samples) / self.seconds if self.seconds > 0.0 else None,
-            "parameters": parameters_of(self.config, self.parameters),
+            "parameters": parameters_of(self.estimator.model, self.parameters),
         }
 
 
@@ -154,8 +154,9 @@ def check_answerable(samples: Samples) -> None:
         )
 
 
-def parameters_of(config: Config, parameters: Parameters) -> dict[str, Any]:
+def parameters_of(model: Model, parameters: Parameters) -> dict[str, Any]:
     """Return learned values and the basis that they belong to, as JSON has them."""
+    config = model.config
     return {
         "fir_taps": parameters.fir_taps,
         "theory_taps": parameters.theory_taps if parameters.theory_taps.size else None,
@@ -167,7 +168,7 @@ def parameters_of(config: Config, parameters: Parameters) -> dict[str, Any]:
             "finest_level": config.basis.finest_level,
             "coarsest_level": config.basis.coarsest_level,
             "velocity_range_m_s": config.basis.velocity_range,
-            "velocity_unit_m_s": config.basis.velocity_unit,
+            "velocity_unit_m_s": model.basis.unit,
             "companding": config.basis.companding,
         },
     }
