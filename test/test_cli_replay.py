@@ -9,10 +9,11 @@ import pytest
 
 from friction_estimator.bag.read import read_recording
 from friction_estimator.bag.samples import to_samples
+from friction_estimator.bag.source import Source
 from friction_estimator.bag.write import RecordingWriter, write_samples, writing
 from friction_estimator.cli.main import main
 from friction_estimator.core.config import Config
-from friction_estimator.core.derive import usual_magnitude, with_recorded_units
+from friction_estimator.core.derive import usual_magnitude, with_live_units, with_recorded_units
 from friction_estimator.core.replay import replay
 from friction_estimator.core.sample import Samples
 from friction_estimator.files import read_config
@@ -251,3 +252,47 @@ def with_rest(samples: Samples) -> Samples:
         velocity_m_s=np.where(rest, 0.0, samples.velocity_m_s),
         friction_N=np.where(rest, 1.0 + ripple, samples.friction_N),
     )
+
+
+def test_results_stand_beside_the_inputs_whatever_clock_made_the_stamps(tmp_path, demo):
+    """Stamps of a simulated clock that loops once, recorded in one go years later."""
+    samples, half = demo[:1000], 500
+    stamps = np.concatenate([samples.stamp_ns[:half]] * 2)
+    log_times = 1_700_000_000 * 10**9 + np.arange(1000) * 2_000_000
+    with writing(tmp_path / "bag") as writer:
+        for name, kind in (("velocity", "TwistStamped"), ("friction", "WrenchStamped")):
+            value = getattr(samples, {"velocity": "velocity_m_s", "friction": "friction_N"}[name])
+            writer.add_stream(
+                f"/{name}", f"geometry_msgs/msg/{kind}", stamps, value, quantity=name, log_time_ns=log_times
+            )
+    assert run(tmp_path / "bag", "--out", tmp_path / "out") == 0
+    with Source(tmp_path / "out" / "bag") as source:
+        names = [topic.name for topic in source.topics]
+        messages = list(source.messages(names))
+    times = {name: [time for topic, time, _ in messages if topic == name] for name in names}
+    assert times["/friction_estimator/residual"] == times["/friction"]
+    assert len(times["/friction_estimator/parameters/fir_taps"]) == 200
+    assert set(times["/friction_estimator/parameters/fir_taps"]) < set(times["/friction"])
+
+
+def test_the_configuration_written_for_a_joint_suits_the_node(tmp_path, demo):
+    with writing(tmp_path / "bag") as writer:
+        values = {"velocity": demo.velocity_m_s, "friction": demo.friction_N}
+        writer.add_stream("/joint_states", "sensor_msgs/msg/JointState", demo.stamp_ns, values, joint="slide")
+    assert run(tmp_path / "bag", "--out", tmp_path / "out") == 0
+    config = read_config(tmp_path / "out" / "config.yaml")
+    assert (config.input.mode, config.input.joint) == ("joint_state", "slide")
+    assert run(tmp_path / "bag", "--config", tmp_path / "out" / "config.yaml") == 0
+
+
+def test_learned_values_keep_their_units(demo):
+    """A dump of a running node leaves the units open: the values are in those of the live node, not of the record."""
+    dump = Config.from_mapping({"learned.fir_taps": [1.0] + [0.0] * 8})
+    assert with_recorded_units(dump, demo.velocity_m_s, demo.friction_N) == with_live_units(dump)
+
+
+def test_json_tells_the_unit_of_the_basis(capsys):
+    basis = replayed(capsys, DEMO)["parameters"]["basis"]
+    high = basis["velocity_range_m_s"][1]
+    bend = high / basis["companding"]
+    assert basis["velocity_unit_m_s"] == pytest.approx(2 * bend * np.arcsinh(high / bend) / 16)

@@ -250,6 +250,7 @@ def add_results(
     residual_N: Floats,
     parameters: Mapping[str, tuple[Ints, NDArray[np.float64]]] | None = None,
     *,
+    log_time_ns: Ints | None = None,
     frame_id: str = "",
     axis: str = "x",
 ) -> None:
@@ -258,7 +259,8 @@ def add_results(
     Parameters
     ----------
     stamp_ns, predicted_N, residual_N : (n,), of the samples that they belong to; residual is measured - predicted.
-    parameters : by name (fir_taps, theory_taps, wavelet_weights): times (m,) and values (m, size).
+    parameters : by name (fir_taps, theory_taps, wavelet_weights): times of recording (m,) and values (m, size).
+    log_time_ns : (n,) time of recording; the stamps unless given.
     """
     for name, value in (("friction_predicted", predicted_N), ("residual", residual_N)):
         writer.add_stream(
@@ -266,6 +268,7 @@ def add_results(
             "geometry_msgs/msg/WrenchStamped",
             stamp_ns,
             value,
+            log_time_ns=log_time_ns,
             frame_id=frame_id,
             axis=axis,
         )

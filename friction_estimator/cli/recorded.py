@@ -46,6 +46,7 @@ def load(args: argparse.Namespace, output: common.Output, overrides: Mapping[str
     with common.progress("reading", unit="messages") as advance:
         recording = read_recording(args.bag, config.input, common.topics_from(args), advance)
     admitted = to_samples(recording, config)
+    config = config.updated(_live_input(recording))
     units = with_recorded_units(config, admitted.samples.velocity_m_s, admitted.samples.friction_N)
     for name, stream in recording.streams.items():
         joint = f", joint {stream.joint}" if stream.joint else ""
@@ -67,3 +68,13 @@ def load(args: argparse.Namespace, output: common.Output, overrides: Mapping[str
             shown = f"[{value[0]:.5g}, {value[1]:.5g}]" if isinstance(value, tuple) else f"{value:.5g}"
             output.say(f"{'derived':<12}{name} = {shown} {PARAMETERS[name].unit}")
     return Loaded(recording, admitted, units)
+
+
+def _live_input(recording: Recording) -> dict[str, object]:
+    """Return the settings by which the live node takes the same inputs; config.yaml is written for it."""
+    velocity, friction = recording.streams["velocity"], recording.streams["friction"]
+    if velocity.topic == friction.topic and velocity.joint:
+        return {"input.mode": "joint_state", "input.joint": velocity.joint}
+    if velocity.message_type == friction.message_type == "std_msgs/msg/Float64":
+        return {"input.mode": "float64"}
+    return {}

@@ -46,17 +46,39 @@ def write_results(folder: Path, recording: Recording, result: Replay, summary: M
 def write_bag(path: Path, recording: Recording, result: Replay) -> None:
     """Write the inputs as they were recorded, with prediction, residual and parameters."""
     names = sorted({stream.topic for stream in recording.streams.values()})
-    parameters = _snapshots(result)
+    friction, samples = recording.streams["friction"], result.samples
+    # Outputs stand beside the friction that they belong to, whatever clock made its stamps.
+    log_time_ns = friction.log_time_ns[_places(friction.stamp_ns, samples.stamp_ns)]
+    parameters = _snapshots(result, log_time_ns)
     with writing(path) as writer:
         with Source(recording.path) as source:
             writer.copy(source, names)
-        frame = recording.streams["friction"].frame_id
-        samples = result.samples
-        add_results(writer, samples.stamp_ns, result.predicted_N, result.residual_N, parameters, frame_id=frame)
+        add_results(
+            writer,
+            samples.stamp_ns,
+            result.predicted_N,
+            result.residual_N,
+            parameters,
+            log_time_ns=log_time_ns,
+            frame_id=friction.frame_id,
+            axis=result.config.input.axis,
+        )
 
 
-def _snapshots(result: Replay) -> dict[str, tuple[Ints, Floats]]:
-    times = np.array(result.snapshot_stamp_ns, np.int64)
+def _places(stamp_ns: Ints, wanted_ns: Ints) -> Ints:
+    """Return where each wanted stamp stands, (m,); both are in order of arrival, so equal stamps keep their order."""
+    places, at = np.empty(wanted_ns.size, np.int64), 0
+    stamps = stamp_ns.tolist()
+    for k, wanted in enumerate(wanted_ns.tolist()):
+        while stamps[at] != wanted and at < len(stamps) - 1:
+            at += 1
+        places[k] = at
+        at = min(at + 1, len(stamps) - 1)
+    return places
+
+
+def _snapshots(result: Replay, log_time_ns: Ints) -> dict[str, tuple[Ints, Floats]]:
+    times = log_time_ns[_places(result.samples.stamp_ns, np.array(result.snapshot_stamp_ns, np.int64))]
     return {
         name: (times, np.array([getattr(snapshot, name) for snapshot in result.snapshots]))
         for name in ("fir_taps", "theory_taps", "wavelet_weights")
