@@ -83,6 +83,11 @@ def test_version_and_module_entry():
         (UnanswerableError("no such topic"), 1, "verb: no such topic"),
         (KeyboardInterrupt(), 130, "verb: interrupted"),
         (PermissionError(13, "Permission denied", "/etc/x"), 2, "verb: cannot use /etc/x: Permission denied"),
+        (
+            ModuleNotFoundError("No module named 'matplotlib.figure'", name="matplotlib.figure"),
+            2,
+            "verb: needs the Python module matplotlib, which is not installed: see README.md",
+        ),
         (OSError(28, "No space left on device"), 2, "verb: cannot use a file: No space left on device"),
     ],
 )

@@ -190,8 +190,8 @@ def progress(label: str, total: int | None = None, unit: str = "samples") -> Ite
 def guarded(name: str, body: Callable[[], int]) -> int:
     """Run a verb; turn its failure into one line on stderr and an exit code.
 
-    Expected failures (FrictionEstimatorError, and the operating system's about a file) print one line. An
-    interrupt returns 130, SIGTERM 143 after the temporary files are gone, a reader that went away 141.
+    Expected failures (FrictionEstimatorError, the operating system's about a file, a module that is not installed) print
+    one line. An interrupt returns 130, SIGTERM 143 after the temporary files are gone, a reader that went away 141.
     """
     try:
         with _orderly_termination():
@@ -201,6 +201,12 @@ def guarded(name: str, body: Callable[[], int]) -> int:
     except FrictionEstimatorError as error:
         print(f"{name}: {' '.join(str(error).split())}", file=sys.stderr)
         return error.exit_code
+    except ModuleNotFoundError as error:
+        missing = str(error.name).partition(".")[0]
+        if missing == PROGRAM:
+            raise
+        print(f"{name}: needs the Python module {missing}, which is not installed: see README.md", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         print(f"{name}: interrupted", file=sys.stderr)
         return 130
