@@ -22,7 +22,7 @@ setup(
     maintainer_email="friction-estimator@users.noreply.github.com",
     description="Online identification of seal and actuator friction beside the drive, with diagnosis.",
     license="Apache-2.0",
-    tests_require=["pytest"],
+    extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": [
             f"friction_estimator = {PACKAGE}.cli.main:main",
