@@ -197,7 +197,8 @@ def folds_of(blocks: int, seed: int) -> Ints:
 
 def _stable(gram: Floats) -> Floats:
     """Return the matrix with its diagonal lifted by rounding's share."""
-    return gram + np.diag(1e-10 * np.maximum(np.diag(gram), 1e-300))
+    diagonal = np.diag(gram)
+    return gram + np.diag(1e-10 * diagonal + 1e-9 * float(diagonal.max()) * (diagonal < 1e-9 * diagonal.max()))
 
 
 def constrained(inner: Floats, pull: Floats, energy: Floats, rule: Rule) -> tuple[Floats, float]:

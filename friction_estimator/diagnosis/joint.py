@@ -30,6 +30,9 @@ ZOOM_POINTS, ZOOM_LEVELS = 13, 3
 DERIVATIVE_STEP = 1e-3
 """Relative step of a refined parameter in numerical derivatives."""
 
+HELD = 1e12
+"""Penalty of a tangent coefficient that must stay zero."""
+
 
 @dataclass(frozen=True)
 class Capacity:
@@ -234,6 +237,7 @@ def _finished(
     """Assemble the result with the tangent of the whole model."""
     parts = tuple(c @ t.weights for c, t in zip(columns, terms, strict=True))
     tangents, scales = [base.tangent], [np.ones(base.tangent.shape[1])]
+    held: list[Floats] = []
     for term, column, part in zip(terms, columns, parts, strict=True):
         slopes = [] if term.effect.fixed_gain else [column]
         units = [] if term.effect.fixed_gain else [np.ones(column.shape[1])]
@@ -248,12 +252,15 @@ def _finished(
             slopes.append(((other - part) / step)[:, None])
             units.append(np.ones(1))
         block = np.column_stack(slopes)
-        norm = np.maximum(np.sqrt(np.mean(np.square(block), axis=0)), 1e-300)
-        tangents.append(block / norm)
-        scales.append(np.concatenate(units) / norm)
+        norm = np.sqrt(np.mean(np.square(block), axis=0))
+        shown = norm > 1e-12 * float(np.sqrt(np.mean(np.square(record.friction_N))))
+        # A parameter that changes nothing here (a step between two samples) is held where it is.
+        tangents.append(np.where(shown, block / np.where(shown, norm, 1.0), 0.0))
+        scales.append(np.where(shown, np.concatenate(units) / np.where(shown, norm, 1.0), 0.0))
+        held.append(np.where(shown, 0.0, HELD))
     residual = record.friction_N - base.fitted_N - sum(parts, np.zeros(features.size))
     tangent = np.column_stack(tangents)
-    penalty = np.concatenate([base.penalty, np.zeros(tangent.shape[1] - base.penalty.size)])
+    penalty = np.concatenate([base.penalty, *held])
     return Joint(base, tuple(terms), reference, features, parts, residual, tangent, penalty, np.concatenate(scales))
 
 

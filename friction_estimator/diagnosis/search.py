@@ -51,6 +51,9 @@ ALIKE_SHARE = 0.10
 another functional form of the first leaves there looks like the second."""
 
 MOST_CAUSES = 4
+PLAIN = 10.0
+"""Times the noise power: surplus of gain that one more parameter must bring."""
+
 SET_ERRORS = 2.0
 SET_SHARE = 0.03
 FINER = 24
@@ -261,6 +264,7 @@ def compare(
         fits[name] = (settled, cross_validated_loss(settled, record, seed))
         gains[name] = float((loss - fits[name][1]).sum())
     winner = max(gains, key=lambda n: gains[n])
+    winner = _plainer(winner, gains, fits, sample_power(loss, record))
     # A recorded pressure that changed is preferred to an unrecorded cause that would have had to change with it, where
     # the order of pressures cannot separate the two (decision 0021).
     measured = gains.get("pressure_dependence", 0.0) > MEASURED_SHARE * gains[winner]
@@ -287,6 +291,22 @@ NEAR_REVERSAL = (
     "squeeze_film",
     "breakaway",
 )
+
+
+def sample_power(loss: Floats, record: Record) -> float:
+    """Return the mean error power of a sample, N^2."""
+    return float(loss.sum()) / max(int(record.used.sum()), 1)
+
+
+def _plainer(winner: str, gains: dict[str, float], fits: dict[str, tuple[Joint, Floats]], noise_N2: float) -> str:
+    """Return an effect with fewer parameters where the winner's surplus is what its further ones bring by chance."""
+
+    def freedom(name: str) -> int:
+        term = fits[name][0].terms[-1]
+        return (0 if term.effect.fixed_gain else term.weights.size) + len(term.effect.refined)
+
+    close = [n for n in gains if gains[winner] - gains[n] < PLAIN * noise_N2 * max(freedom(winner) - freedom(n), 0)]
+    return min([winner, *close], key=lambda n: (freedom(n), -gains[n]))
 
 
 def _capacity_gains(record: Record, model: Joint, evidence: Evidence, capacity: Capacity) -> dict[Capacity, float]:

@@ -62,7 +62,12 @@ def resolved(effect: Effect, clean: Trace, every: int, seed: int) -> Effect:
             raise ConfigError(f"effect {effect.name} cannot reach size={effect_size:g} on this drive")
         return effect.with_values(**{key.name: value})
     low, high = _bracket(effect, key, excess)
-    return effect.with_values(**{key.name: float(brentq(excess, low, high, rtol=1e-4, maxiter=60))})
+    root = float(brentq(excess, low, high, rtol=1e-4, maxiter=60))
+    # Where the change jumps (a sample falls into a gap) the two sides differ: the nearer one, in ratio.
+    sides = [v for v in (root * (1.0 - 2e-3), root, root * (1.0 + 2e-3)) if key.low <= v <= key.high]
+    sizes = [max(excess(v) + effect_size, 1e-300) for v in sides]
+    best = min(range(len(sides)), key=lambda i: abs(np.log(sizes[i] / effect_size)))
+    return effect.with_values(**{key.name: sides[best]})
 
 
 def _bracket(effect: Effect, key: Key, excess) -> tuple[float, float]:  # type: ignore[no-untyped-def]

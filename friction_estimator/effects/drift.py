@@ -222,9 +222,9 @@ class BiasStep(Effect):
 
     @classmethod
     def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
-        """To the neighbouring change points."""
+        """To the neighbouring change points; a step at the very start is a bias."""
         reach = context.duration_s / CHANGE_POINTS
-        return (max(0.0, value - reach), min(context.duration_s, value + reach))
+        return (max(0.5 * reach, value - reach), min(context.duration_s - 0.5 * reach, value + reach))
 
     refined = ("at",)
     steps = ("at",)
@@ -277,9 +277,9 @@ class GainStep(Effect):
 
     @classmethod
     def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
-        """To the neighbouring change points."""
+        """To the neighbouring change points; a step at the very start is a bias."""
         reach = context.duration_s / CHANGE_POINTS
-        return (max(0.0, value - reach), min(context.duration_s, value + reach))
+        return (max(0.5 * reach, value - reach), min(context.duration_s - 0.5 * reach, value + reach))
 
     refined = ("at",)
     steps = ("at",)

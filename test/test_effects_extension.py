@@ -1,0 +1,89 @@
+"""Terms of an extended model: the same numbers in one pass, in pieces and sample by sample."""
+
+import numpy as np
+import pytest
+
+from friction_estimator.core.config import Config
+from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.replay import replay
+from friction_estimator.core.sample import Samples
+from friction_estimator.effects import extension_from_config
+from friction_estimator.effects.extension import ExtensionTerms, parse_term
+from friction_estimator.rig.drive import segment
+from friction_estimator.rig.simulate import Scenario, simulate
+
+TERMS = [
+    "inertia:part=0",
+    "presliding:length=2e-5,scale=0.5",
+    "time_delay:delay=0.004",
+    "frictional_lag:lag=0.01",
+    "position_dependence:wavelength=0.005,part=2",
+    "sensor_drift:duration=10,part=1",
+    "backlash:gap=1e-5",
+]
+
+
+def config(terms: list[str]) -> Config:
+    return Config.from_mapping(
+        {"extension.terms": terms, "basis.velocity_range": [-0.14, 0.14], "force_unit": 4.0, "fir.order": 4}
+    )
+
+
+@pytest.fixture(scope="module")
+def samples() -> Samples:
+    return simulate(Scenario((segment(1.0, 50.0, 5.0), segment(2.0, 200.0, 4.0)), rate_hz=200.0)).samples
+
+
+def test_pieces_give_what_one_pass_gives(samples: Samples) -> None:
+    whole = ExtensionTerms(config(TERMS)).columns(samples, np.zeros(len(samples)))
+    extension = ExtensionTerms(config(TERMS))
+    single = np.concatenate([extension.columns(samples[k : k + 1], np.zeros(1)) for k in range(len(samples))])
+    np.testing.assert_array_equal(single, whole)
+    assert np.all(np.std(whole, axis=0) > 0.0)
+
+
+def test_restart_forgets(samples: Samples) -> None:
+    extension = ExtensionTerms(config(TERMS))
+    first = extension.columns(samples, np.zeros(len(samples)))
+    extension.restart()
+    np.testing.assert_array_equal(extension.columns(samples, np.zeros(len(samples))), first)
+
+
+def test_no_terms_is_no_extension() -> None:
+    assert extension_from_config(config([])) is None
+
+
+def test_the_estimator_learns_a_hidden_mass_online() -> None:
+    from friction_estimator.effects import parse_effect
+
+    run = simulate(
+        Scenario(
+            (segment(1.0, 50.0, 30.0), segment(5.0, 50.0, 20.0)),
+            plant="clean",
+            rate_hz=200.0,
+            effects=(parse_effect("inertia:mass=0.8"),),
+        )
+    )
+    settings = config(["inertia:part=0"])
+    learned = replay(run.samples, settings, extension=extension_from_config(settings))
+    assert learned.parameters.extension_weights == pytest.approx([0.8], rel=0.1)
+    plain = replay(run.samples, config([]))
+    assert learned.figures()["nrmse_final"] < plain.figures()["nrmse_final"] * 1.02
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("gravity", "unknown effect"),
+        ("quantization:step=1", "has no regressor"),
+        ("presliding", "length is missing"),
+        ("presliding:length=a", "is not key=number"),
+        ("inertia:part=1", "has 1 columns"),
+        ("inertia:scale=0", "scale is not 0"),
+    ],
+)
+def test_bad_terms_are_refused_in_one_line(text: str, words: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse_term(text)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
