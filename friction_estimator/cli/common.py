@@ -190,8 +190,8 @@ def progress(label: str, total: int | None = None, unit: str = "samples") -> Ite
 def guarded(name: str, body: Callable[[], int]) -> int:
     """Run a verb; turn its failure into one line on stderr and an exit code.
 
-    Expected failures (FrictionEstimatorError, the operating system's about a file, a module that is not installed) print
-    one line. An interrupt returns 130, SIGTERM 143 after the temporary files are gone, a reader that went away 141.
+    Expected failures (FrictionEstimatorError, the system's about a file, a module not installed) print one line. An
+    interrupt returns 130, SIGTERM 143 after the temporary files are gone, a reader that went away 141.
     """
     try:
         with _orderly_termination():
