@@ -1,8 +1,13 @@
 """Fixtures that several rooms share."""
 
+import os
 from pathlib import Path
 
 import pytest
+
+# Before a test brings in numpy: on matrices of a hundred columns the threads of linear algebra spin, and slow all down.
+for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
 
 SHARED = Path(__file__).parents[1].parent / "shared" / "data"
 
