@@ -203,6 +203,8 @@ def test_a_state_that_does_not_fit_is_refused_and_changes_nothing():
     before = estimator.parameters.theta
     with pytest.raises(ConfigError, match=r"fir\.order"):
         estimator.restore(other.state())
+    with pytest.raises(ConfigError, match=r"seal\.roughness"):
+        estimator.restore(estimator_for(samples, seal__roughness=2e-7).state())
     damaged = estimator.state()
     damaged["arrays"]["theta"][3] = np.nan
     with pytest.raises(ConfigError, match="theta"):

@@ -51,16 +51,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         near = difflib.get_close_matches(chosen, VERBS, n=1)
         hint = f"did you mean {near[0]}?" if near else f"choose one of {', '.join(VERBS)}"
         parser.error(f"unknown verb {chosen!r}: {hint}")
-    for verb, (module, summary) in VERBS.items():
-        if verb == chosen:
-            import_module(f"friction_estimator.cli.{module}").add_parser(subparsers)
-        else:
+    for verb, (_, summary) in VERBS.items():
+        if verb != chosen:
             subparsers.add_parser(verb, help=summary)
-    args = parser.parse_args(arguments)
-    if args.verb is None:
-        parser.error(f"no verb given: choose one of {', '.join(VERBS)}")
-    run = import_module(f"friction_estimator.cli.{VERBS[args.verb][0]}").run
-    return guarded(f"{PROGRAM} {args.verb}", lambda: int(run(args)))
+
+    def body() -> int:
+        # Inside the guard: a library that is not installed is one line, too.
+        module = None if chosen is None else import_module(f"friction_estimator.cli.{VERBS[chosen][0]}")
+        if module is not None:
+            module.add_parser(subparsers)
+        args = parser.parse_args(arguments)
+        if module is None or args.verb is None:
+            parser.error(f"no verb given: choose one of {', '.join(VERBS)}")
+        return int(module.run(args))
+
+    return guarded(PROGRAM if chosen is None else f"{PROGRAM} {chosen}", body)
 
 
 if __name__ == "__main__":

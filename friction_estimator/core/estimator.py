@@ -29,6 +29,9 @@ STRUCTURE = (
 )
 """Settings that must agree between a state and the estimator that takes it."""
 
+THEORY_STRUCTURE = ("theory.kind", "theory.table", *(name for name in PARAMETERS if name.startswith("seal.")))
+"""The same for the parallel model, whose theory taps belong to one curve."""
+
 
 @dataclass(frozen=True)
 class Health:
@@ -201,9 +204,12 @@ class Estimator:
         work = self._work.copy()
         return {
             "version": STATE_VERSION,
-            "structure": {name: PARAMETERS[name].of(self.config) for name in STRUCTURE},
+            "structure": {name: PARAMETERS[name].of(self.config) for name in self._structure()},
             "arrays": {f.name: getattr(work, f.name) for f in fields(work)},
         }
+
+    def _structure(self) -> tuple[str, ...]:
+        return STRUCTURE + (THEORY_STRUCTURE if self.config.model.type == "parallel" else ())
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Take over a state; the estimator is unchanged if it does not fit.
@@ -212,7 +218,7 @@ class Estimator:
         """
         if state.get("version") != STATE_VERSION:
             raise ConfigError(f"state has version {state.get('version')}, this program reads {STATE_VERSION}")
-        for name in STRUCTURE:
+        for name in self._structure():
             theirs, ours = state["structure"].get(name), PARAMETERS[name].of(self.config)
             if _plain(theirs) != _plain(ours):
                 raise ConfigError(f"state was learned with {name} = {theirs}, this estimator has {ours}")
