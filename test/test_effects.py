@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import fields, replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -19,20 +20,36 @@ from friction_estimator.effects.reference import Reference
 RATE_HZ, EVERY = 2000.0, 10
 
 CONTRACT = {
-    *[
-        "sensor_bias",
-        "direction_asymmetry",
-        "sensor_drift",
-        "viscosity_drift",
-        "wear",
-        "breakaway",
-        "presliding",
-        "frictional_lag",
-    ],
-    *["time_delay", "sensor_lowpass", "inertia", "side_spring", "position_dependence", "squeeze_film"],
-    *["periodic_disturbance", "saturation", "bias_step", "gain_step", "viscoelastic_relaxation", "pressure_dependence"],
-    *["backlash", "quantization", "dropout", "outliers", "stick_slip", "velocity_noise"],
-    *["velocity_mismatch", "clock_jump", "duplicate_stamps", "stamp_offset"],
+    "sensor_bias",
+    "direction_asymmetry",
+    "sensor_drift",
+    "viscosity_drift",
+    "wear",
+    "breakaway",
+    "presliding",
+    "frictional_lag",
+    "time_delay",
+    "sensor_lowpass",
+    "inertia",
+    "side_spring",
+    "position_dependence",
+    "squeeze_film",
+    "periodic_disturbance",
+    "saturation",
+    "bias_step",
+    "gain_step",
+    "viscoelastic_relaxation",
+    "pressure_dependence",
+    "backlash",
+    "quantization",
+    "dropout",
+    "outliers",
+    "stick_slip",
+    "velocity_noise",
+    "velocity_mismatch",
+    "clock_jump",
+    "duplicate_stamps",
+    "stamp_offset",
 }
 
 
@@ -212,7 +229,7 @@ def test_columns_do_not_depend_on_how_the_record_is_cut(
         assert np.isfinite(whole).all()
         make, running, columns = FeatureMaker(101325.0, 0.0, 54.0), RunningForce(reference), cls.columns(params)
         edges = [0, 1, 2, 700, 701, 3001, 5000, len(samples)]
-        parts = [columns(running(make(samples[a:b])), reference) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        parts = [columns(running(make(samples[a:b])), reference) for a, b in pairwise(edges)]
         np.testing.assert_array_equal(np.concatenate(parts), whole)
 
 
@@ -254,7 +271,7 @@ def test_regressor_has_the_shape_of_its_effect(
     ],
 )
 def test_bad_text_is_one_clear_line(text: str, words: str) -> None:
-    with pytest.raises(ConfigError, match=".") as caught:
+    with pytest.raises(ConfigError) as caught:
         parse_effect(text)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)

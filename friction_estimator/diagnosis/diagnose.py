@@ -7,20 +7,19 @@ import numpy as np
 from scipy.stats import t as student
 
 from friction_estimator.core.config import Config
-from friction_estimator.core.errors import UnanswerableError
 from friction_estimator.core.sample import Bools, Floats, Ints, Samples
-from friction_estimator.diagnosis import quality
-from friction_estimator.diagnosis.base import BaseFit, fit_base, reference_of
+from friction_estimator.diagnosis.base import BaseFit
 from friction_estimator.diagnosis.excitation import Excitation, assess
 from friction_estimator.diagnosis.floor import Burst, find_burst, noise_floor
 from friction_estimator.diagnosis.joint import Estimate, Joint, estimates, fit_joint
 from friction_estimator.diagnosis.quality import Finding
 from friction_estimator.diagnosis.record import Record, build_record
 from friction_estimator.diagnosis.remainder import Remainder, unexplained
+from friction_estimator.diagnosis.repair import confirmed, repaired
 from friction_estimator.diagnosis.search import Search, search
 from friction_estimator.diagnosis.words import next_experiment, structural_rivals
 from friction_estimator.effects.base import EFFECTS
-from friction_estimator.effects.features import Context, FeatureMaker
+from friction_estimator.effects.features import Context
 
 HELD_OUT_FOLDS = 4
 BURST_T = 3.0
@@ -119,12 +118,14 @@ def diagnose(
     raw = build_record(recordings, config)
     context = raw.context(config, float(np.abs(raw.friction_N).max()))
     excitation = assess(raw, context)
+    if excitation.undecidable:
+        return _undecidable(raw, config, context, excitation)
     record, context, findings = repaired(raw, config, context)
     findings = [*faults, *findings]
     lattice = next((f for f in findings if f.name == "quantization"), None)
     coarse = lattice.power_N2 if lattice is not None and lattice.extra.get("coarse") else 0.0
     found = search(record, config, context, seed, progress, coarse)
-    findings = _confirmed(findings, raw, found.models[-1], bool(coarse))
+    findings = confirmed(findings, raw, found.models[-1], bool(coarse))
     progress("measuring gains on held-out data", 0.75)
     effects, models = _named(record, config, context, found, seed)
     progress("noise floor and remainder", 0.85)
@@ -143,8 +144,6 @@ def diagnose(
     ordered = _ordered(effects, quality_effects, findings, burst, record)
     asked = _asked(found, effects, remainder, context)
     verdict = "effects_found" if ordered else "nothing_found"
-    if excitation.undecidable:
-        verdict, ordered = "undecidable", []
     warnings = (*excitation.warnings, *found.warnings, *_base_warnings(models[0].base), *_remainder_words(remainder))
     progress("done", 1.0)
     return Diagnosis(
@@ -165,86 +164,27 @@ def diagnose(
     )
 
 
-def repaired(raw: Record, config: Config, context: Context) -> tuple[Record, Context, list[Finding]]:
-    """Look for faults of the data; return the record with them repaired or masked, and what was found."""
-    record = raw
-    findings: list[Finding] = []
-    for test in (quality.velocity_mismatch, quality.clock_jump):
-        finding = test(record, context)
-        if finding is not None:
-            findings.append(finding)
-            record = _with_velocity(record, config, finding.velocity_m_s)
-    fit = fit_base(record, config)
-    error = float(np.var(fit.residual_N[record.used]))
-    lattice = quality.quantization(record, error)
-    step = quality.lattice_step(record.friction_N)
-    if lattice is not None:
-        record = _recentred(record, config, step)
-    for finding in (lattice, quality.saturation(record, step), quality.dropout(record, step)):
-        if finding is not None:
-            findings.append(finding)
-            if finding.used is not None:
-                record = record.with_force(record.friction_N, record.used & finding.used)
-    fit = fit_base(record, config)
-    error = float(np.mean(np.square(fit.residual_N[record.used])))
-    noisy = quality.velocity_noise(record, _force_slope(fit, record, context), error)
-    if noisy is not None:
-        findings.append(noisy)
-        record = _with_velocity(record, config, noisy.velocity_m_s)
-        fit = fit_base(record, config)
-    spikes = quality.outliers(record, fit.residual_N)
-    if spikes is not None:
-        findings.append(spikes)
-        record = record.with_force(record.friction_N, record.used & (spikes.used if spikes.used is not None else True))
-    if float(record.used.mean()) < 0.3:
-        raise UnanswerableError("less than a third of the samples remain after masking faults: repair the sensor first")
-    top = float(np.abs(fit.fitted_N).max())
-    return record, record.context(config, top), findings
-
-
-def _confirmed(findings: Sequence[Finding], raw: Record, final: Joint, coarse: bool) -> list[Finding]:
-    """Return the findings without outliers that the final model explains: what looked like spikes was a cause."""
-    out = []
-    for finding in findings:
-        if finding.name == "outliers" and finding.used is not None:
-            kept = raw.used & ~(~finding.used & (np.abs(final.residual_N) > 0.0))
-            back = raw.with_force(raw.friction_N, kept | ~finding.used)
-            again = None if coarse else quality.outliers(back, final.residual_N)
-            if again is None:
-                continue
-        out.append(finding)
-    return out
-
-
-def _recentred(record: Record, config: Config, step_N: float) -> Record:
-    """Return the record with half a step added where values were cut off rather than rounded.
-
-    Cutting off shifts the mean by half a step; that much, to a sixth of a step, is the lattice's and no bias.
-    """
-    bias = float(fit_base(record, config, np.ones((record.used.size, 1))).extra_weights[0])
-    if abs(abs(bias) - 0.5 * step_N) > step_N / 6.0:
-        return record
-    return record.with_force(record.friction_N - np.sign(bias) * 0.5 * step_N, record.used)
-
-
-def _with_velocity(record: Record, config: Config, velocity_m_s: Floats | None) -> Record:
-    """Return the record with another velocity, its features computed anew."""
-    if velocity_m_s is None:
-        return record
-    samples = replace(record.samples, velocity_m_s=velocity_m_s)
-    theory = config.theory
-    maker = FeatureMaker(theory.ambient_pressure, theory.default_pressure, theory.default_temperature)
-    return replace(record, samples=samples, features=maker(samples))
-
-
-def _force_slope(fit: BaseFit, record: Record, context: Context) -> Floats:
-    """Return dF/dv at the samples, (n,), N s/m."""
-    reference = reference_of(fit, record, context.sign_velocity_m_s)
-    f = record.features
-    step = 1e-3 * context.top_speed_m_s
-    more = reference.force(f.velocity_m_s + step, f.pressure_Pa)
-    less = reference.force(f.velocity_m_s - step, f.pressure_Pa)
-    return np.asarray((more - less) / (2.0 * step))
+def _undecidable(raw: Record, config: Config, context: Context, excitation: Excitation) -> Diagnosis:
+    """Return the answer to data that cannot give one: the base fit alone."""
+    base = fit_joint(raw, config, context)
+    spread = float(np.std(raw.friction_N)) or 1.0
+    error = float(np.sqrt(np.mean(np.square(base.residual_N)))) / spread
+    return Diagnosis(
+        verdict="undecidable",
+        excitation=excitation,
+        nrmse_holdout=error,
+        noise_floor=noise_floor(raw, base.residual_N) / spread,
+        effects=(),
+        needs_channel=(),
+        unexplained_percent=0.0,
+        remainder=None,
+        detection_limit_N={},
+        record=raw,
+        raw=raw,
+        context=context,
+        models=(base,),
+        findings=(),
+    )
 
 
 def _named(
@@ -326,7 +266,7 @@ def _block_sums(values: Floats, block: Ints, used: Bools) -> Floats:
 
 
 def _is_burst(burst: Burst, floor: float, findings: Sequence[Finding]) -> bool:
-    noisy = any(f.name == "velocity_noise" for f in findings)
+    noisy = any(f.name == "velocity_noise" for f in findings) or "stick_slip" not in EFFECTS
     return (
         not noisy
         and burst.t_value > BURST_T

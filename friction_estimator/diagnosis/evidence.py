@@ -234,7 +234,7 @@ def null_maximum(
     best = np.zeros(count)
     for (left, pulls), rule in zip(projections, rules, strict=True):
         power = np.diag(left)
-        if not np.isfinite(left).all() or power.min() <= 0.0:
+        if not power.size or not np.isfinite(left).all() or power.min() <= 0.0:
             continue
         scale = np.sqrt(power)
         values, vectors = np.linalg.eigh(left / np.outer(scale, scale))

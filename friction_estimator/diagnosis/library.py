@@ -18,6 +18,8 @@ AT_ONCE = 12
 LINES = 4
 """Spectral lines that are tried as periodic disturbances."""
 
+LINE_LEVEL = 0.002
+
 
 @dataclass(frozen=True)
 class Hypothesis:
@@ -94,11 +96,15 @@ def build_library(
     return found
 
 
-def spectral_lines(residual: Floats, time_s: Floats, step_s: float, count: int = LINES) -> list[float]:
-    """Return the frequencies of the highest peaks over their surroundings, Hz.
+def spectral_lines(
+    residual: Floats, time_s: Floats, step_s: float, count: int = LINES, level: float = LINE_LEVEL
+) -> list[float]:
+    """Return the frequencies of spectral lines, Hz, the clearest first.
 
-    The spectrum is padded to twice the length; a peak is measured against the median of its 101 neighbours, so that a
-    coloured floor has no peaks. Gaps are filled with zeros where the recording is mostly whole.
+    The spectrum is padded to twice the length. A peak's power is measured against the mean of its surroundings (from
+    the median of 101 groups of neighbours, so that a coloured floor has no peaks); it is a line where noise, whose
+    power is exponentially distributed, would exceed it anywhere with a probability below `level`. Gaps are filled
+    with zeros where the recording is mostly whole.
     """
     place = np.round((time_s - time_s[0]) / step_s).astype(np.int64)
     if place[-1] < 2 * residual.size and np.all(np.diff(place) >= 0):
@@ -110,18 +116,17 @@ def spectral_lines(residual: Floats, time_s: Floats, step_s: float, count: int =
     size = 1 << int(np.ceil(np.log2(2 * n)))
     power = np.square(np.abs(np.fft.rfft(residual, size)))
     frequency = np.fft.rfftfreq(size, step_s)
-    half = 50 * size // (2 * n)
-    kernel = max(1, half // 50)
-    coarse = power[: power.size // kernel * kernel].reshape(-1, kernel).mean(axis=1)
+    group = max(1, size // (2 * n))
+    coarse = power[: power.size // group * group].reshape(-1, group).mean(axis=1)
     padded = np.pad(coarse, 50, mode="reflect")
-    floor = np.median(np.lib.stride_tricks.sliding_window_view(padded, 101), axis=1)
-    height = power[: floor.size * kernel] / np.maximum(np.repeat(floor, kernel), 1e-300)
+    floor = np.median(np.lib.stride_tricks.sliding_window_view(padded, 101), axis=1) / np.log(2.0)
+    height = power[: floor.size * group] / np.maximum(np.repeat(floor, group), 1e-300)
     height[frequency[: height.size] < 3.0 / duration_s] = 0.0
     chosen: list[float] = []
     reach = 4 * size // n
     for _ in range(count):
         top = int(np.argmax(height))
-        if height[top] <= 0.0:
+        if height[top] < np.log(2.0 * n / level):
             break
         chosen.append(float(frequency[top]))
         height[max(0, top - reach) : top + reach + 1] = 0.0

@@ -1,0 +1,262 @@
+"""Hide an effect in simulated data and require its name; hide none and require none."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from friction_estimator.cli.main import main
+from friction_estimator.core.config import Config
+from friction_estimator.core.errors import UnanswerableError
+from friction_estimator.core.replay import replay
+from friction_estimator.core.sample import Samples
+from friction_estimator.diagnosis.diagnose import Diagnosis, diagnose
+from friction_estimator.diagnosis.extend import extended_config
+from friction_estimator.diagnosis.summary import as_json, sentences
+from friction_estimator.effects import EFFECTS, Effect, extension_from_config, parse_effect
+from friction_estimator.files import read_config, write_config
+from friction_estimator.rig.drive import Segment, segment
+from friction_estimator.rig.simulate import Scenario, simulate
+
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+def abba() -> tuple[Segment, ...]:
+    """Half the length of the benchmark's records."""
+    return tuple(segment(t, psi, s) for psi in (50.0, 200.0, 200.0, 50.0) for t, s in ((1.0, 6.0), (5.0, 10.0)))
+
+
+def record(
+    effects: Sequence[str | Effect],
+    *,
+    noise: float = 0.01,
+    seed: int = 3,
+    segments: tuple[Segment, ...] | None = None,
+) -> Samples:
+    hidden = tuple(parse_effect(e) if isinstance(e, str) else e for e in effects)
+    scenario = Scenario(segments or abba(), plant="clean", rate_hz=200.0, noise=noise, seed=seed, effects=hidden)
+    return simulate(scenario).samples
+
+
+# Off the grids, half of them in another functional form than the regressor.
+HIDDEN = [
+    "inertia:size=0.04",
+    "presliding:size=0.04,length=2.3e-5,form=1",
+    "position_dependence:size=0.04,wavelength=0.0037,phase=0.7,form=1",
+    "squeeze_film:size=0.04,speed=0.0123",
+    "viscosity_drift:size=0.04,time_constant=23,form=1",
+    "periodic_disturbance:size=0.02,frequency=17.37,form=1",
+    "direction_asymmetry:size=0.04,form=1",
+    "stick_slip:size=0.04,frequency=41,form=1",
+    "saturation:size=0.04",
+    "dropout:size=0.04,length=7",
+]
+
+
+@pytest.mark.parametrize("hidden", HIDDEN)
+def test_a_hidden_effect_is_named_first(hidden: str) -> None:
+    result = diagnose([record([hidden])], Config())
+    name = hidden.split(":", maxsplit=1)[0]
+    assert result.verdict == "effects_found"
+    assert result.effects[0].name == name
+    first = result.effects[0]
+    assert len(first.rivals) <= 2
+    assert first.p_value <= 0.01
+    if first.term is not None:
+        assert first.gain.reduction_percent > 0.0
+        assert first.gain.low_percent <= first.gain.reduction_percent <= first.gain.high_percent
+        before, after = first.gain.nrmse_before, first.gain.nrmse_after
+        recovered = (before**2 - after**2) / (before**2 - result.noise_floor**2)
+        assert recovered > (0.7 if "form=1" in hidden else 0.9)
+
+
+def test_a_small_effect_in_much_noise_is_named() -> None:
+    result = diagnose([record(["inertia:size=0.005"], noise=0.03)], Config())
+    assert [e.name for e in result.effects] == ["inertia"]
+
+
+def test_fitted_parameters_are_the_true_ones() -> None:
+    result = diagnose([record(["inertia:mass=0.5", "presliding:amplitude=0.9,length=2.6e-5"])], Config())
+    values = {e.name: e.parameters for e in result.effects}
+    assert set(values) == {"inertia", "presliding"}
+    assert values["inertia"]["mass"].value == pytest.approx(0.5, rel=0.05)
+    assert values["presliding"]["length"].value == pytest.approx(2.6e-5, rel=0.1)
+    for parameters in values.values():
+        for estimate in parameters.values():
+            assert estimate.low < estimate.value < estimate.high
+
+
+@pytest.mark.parametrize(("noise", "seed"), [(0.01, 1), (0.03, 2)])
+def test_nothing_hidden_is_nothing_found(noise: float, seed: int) -> None:
+    result = diagnose([record([], noise=noise, seed=seed)], Config())
+    assert result.verdict == "nothing_found"
+    assert result.effects == ()
+    assert result.remainder is None
+    assert result.noise_floor == pytest.approx(noise, rel=0.05)
+    # The prototype's promise in words: what was tried, and how small an effect would have been seen.
+    assert result.detection_limit_N
+    assert all(0.0 < limit < 1.0 for limit in result.detection_limit_N.values())
+    assert "would have been named" in " ".join(sentences(result))
+
+
+def test_one_pure_sine_cannot_tell_mass_from_spring() -> None:
+    sine = (segment(2.0, 50.0, 60.0),)
+    result = diagnose([record(["inertia:size=0.04"], segments=sine)], Config())
+    first = result.effects[0]
+    named = {first.name, *first.rivals}
+    assert {"inertia", "side_spring"} <= named
+    assert first.experiment
+    assert "second period" in first.experiment
+    assert any("one drive period" in text for text in result.excitation.warnings)
+
+
+def test_a_cause_outside_the_catalogue_is_flagged(monkeypatch: pytest.MonkeyPatch) -> None:
+    samples = record(["squeeze_film:size=0.04,speed=0.01"])
+    entries = {n: c for n, c in EFFECTS._entries.items() if n not in ("squeeze_film",)}
+    monkeypatch.setattr(EFFECTS, "_entries", entries)
+    result = diagnose([samples], Config())
+    assert "squeeze_film" not in [e.name for e in result.effects]
+    assert result.remainder is not None
+    assert result.unexplained_percent > 10.0
+    assert any("explained by no named cause" in text for text in result.excitation.warnings)
+
+
+def test_the_same_seed_gives_the_same_answer() -> None:
+    samples = record(["presliding:size=0.03"])
+    one = as_json(diagnose([samples], Config(), seed=4), ["a"], {}, None)
+    other = as_json(diagnose([samples], Config(), seed=4), ["a"], {}, None)
+    assert one == other
+
+
+def test_recordings_may_be_split_and_non_periodic() -> None:
+    shapes = tuple(segment(t, 50.0, 20.0, "multisine") for t in (4.0, 7.0))
+    whole = record(["inertia:size=0.04"], segments=shapes)
+    half = len(whole) // 2
+    result = diagnose([whole[:half], whole[half:]], Config())
+    assert result.effects[0].name == "inertia"
+
+
+def test_missing_channels_are_asked_for() -> None:
+    from dataclasses import replace
+
+    samples = record(["position_dependence:size=0.04,wavelength=0.004"])
+    result = diagnose([replace(samples, position_m=None)], Config())
+    assert ("position_dependence", "position") in result.needs_channel
+    assert "position_dependence" not in [e.name for e in result.effects]
+
+
+def test_too_little_data_cannot_answer() -> None:
+    samples = record([])
+    with pytest.raises(UnanswerableError, match="too few"):
+        diagnose([samples[:200]], Config())
+    result = diagnose([samples[:420]], Config())
+    assert result.verdict == "undecidable"
+    assert result.effects == ()
+
+
+def test_the_extended_model_predicts_what_the_base_cannot(tmp_path: Path) -> None:
+    samples = record(["position_dependence:size=0.04,wavelength=0.004", "presliding:size=0.03"])
+    result = diagnose([samples], Config())
+    write_config(tmp_path / "extended.yaml", extended_config(result, Config()))
+    extended = read_config(tmp_path / "extended.yaml")
+    assert {t.split(":")[0] for t in extended.extension.terms} == {"position_dependence", "presliding"}
+    still = extended.updated({"model.adapt": False})
+    with_terms = replay(samples, still, extension=extension_from_config(still)).figures()["nrmse"]
+    bare = still.updated({"extension.terms": (), "learned.extension_weights": ()})
+    assert with_terms < 0.3 * replay(samples, bare).figures()["nrmse"]
+    assert with_terms < 1.1 * result.noise_floor
+    again = diagnose([samples], extended)  # its own output is a configuration that it takes
+    assert {e.name for e in again.effects} == {e.name for e in result.effects}
+
+
+def check_schema(summary: dict[str, object]) -> None:
+    assert summary["schema"] == "friction_estimator/diagnosis/1"
+    assert set(summary) == {
+        *("schema", "bags", "verdict", "excitation", "base", "effects"),
+        *("needs_channel", "unexplained_percent", "extended_model"),
+    }
+    assert set(summary["excitation"]) == {"cycles", "velocity_range", "reversals", "channels", "warnings"}  # type: ignore[call-overload]
+    for effect in summary["effects"]:  # type: ignore[attr-defined]
+        assert set(effect) == {
+            *("name", "p_value", "parameters", "gain", "indistinguishable_from", "next_experiment", "figure"),
+        }
+        assert effect["name"] in EFFECTS
+        assert set(effect["gain"]) == {"nrmse_before", "nrmse_after", "reduction_percent", "ci95_percent"}
+        for value in effect["parameters"].values():
+            assert set(value) == {"value", "unit", "ci95"}
+
+
+def test_the_verb_end_to_end(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("rosbags")
+    bag, out = tmp_path / "run", tmp_path / "out"
+    schedule = "1:50:6,5:50:10,1:200:6,5:200:10,1:200:6,5:200:10,1:50:6,5:50:10"
+    made = ["simulate", "--out", str(bag), "--plant", "clean", "--rate", "200", "--schedule", schedule]
+    assert main([*made, "--effect", "inertia:size=0.04", "--seed", "2"]) == 0
+    capsys.readouterr()
+    assert main(["diagnose", str(bag), "--out", str(out), "--json", "-"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    check_schema(summary)
+    assert summary["effects"][0]["name"] == "inertia"
+    assert Path(summary["effects"][0]["figure"]).stat().st_size > 5000
+    assert (out / "report.html").exists()
+    assert main(["diagnose", str(bag), "--config", str(out / "extended.yaml"), "--json", str(tmp_path / "d.json")]) == 0
+    assert main(["diagnose", str(tmp_path / "none")]) == 2
+
+
+def emps() -> Samples:
+    folder = DATA / "emps_nlgreyfast"
+    if not folder.exists():
+        pytest.skip(f"measured data are not here: {folder}")
+    table = np.genfromtxt(folder / "data.csv", delimiter=",", names=True)
+    restart = np.zeros(table.size, np.bool_)
+    restart[0] = True
+    stamps = np.round(table["t_s"] * 1e9).astype(np.int64)
+    return Samples(stamps, table["v_m_s"], table["friction_filt_N"], restart, position_m=np.asarray(table["q_filt_m"]))
+
+
+def by_name(result: Diagnosis) -> dict[str, object]:
+    return {e.name: e for e in result.effects}
+
+
+def test_measured_ball_screw_shows_its_pitch_and_its_asymmetry() -> None:
+    settings = Config.from_mapping({"model.type": "hammerstein", "theory.kind": "none"})
+    result = diagnose([emps()], settings)
+    found = {e.name: e for e in result.effects}
+    ripple = found["position_dependence"]
+    assert ripple.parameters["wavelength"].value == pytest.approx(2.50e-3, abs=0.02e-3)
+    assert ripple.gain.reduction_percent >= 5.0
+    assert ripple.gain.low_percent > 0.0
+    assert set(found) - {"position_dependence"} <= {"direction_asymmetry", "sensor_bias"}
+    assert len(found) == 2
+
+
+def test_measured_seal_shows_pressure_and_what_it_cannot_show() -> None:
+    folder = DATA / "seal_zillen_pneumatic"
+    if not folder.exists():
+        pytest.skip(f"measured data are not here: {folder}")
+    table = np.genfromtxt(folder / "data.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
+    table = table[(table["seal"] == "X-ring257") & np.isfinite(table["v_m_s"]) & np.isfinite(table["friction_N"])]
+    recordings = []
+    for level in np.unique(table["nominal_bar"]):
+        part = table[table["nominal_bar"] == level]
+        restart = np.concatenate([[True], np.diff(part["segment"]) != 0])
+        recordings.append(
+            Samples(
+                np.round(part["t_s"] * 1e9).astype(np.int64),
+                np.asarray(part["v_m_s"], np.float64),
+                np.asarray(part["friction_N"], np.float64),
+                restart,
+                pressure_Pa=np.asarray(part["pressure_Pa"] + 101325.0, np.float64),
+                position_m=np.asarray(part["x_m"], np.float64),
+            )
+        )
+    settings = Config.from_mapping({"model.type": "hammerstein", "theory.kind": "none"})
+    result = diagnose(recordings, settings)
+    pressure = {e.name: e for e in result.effects}["pressure_dependence"]
+    assert {"sensor_drift", "gain_step"} <= set(pressure.rivals)
+    assert pressure.experiment
+    words = " ".join(result.excitation.warnings)
+    assert "do not identify the curve F(v)" in words
+    assert "randomise the order" in words

@@ -1,0 +1,187 @@
+"""The parts of the diagnosis: evidence, base, faults of the data, noise floor."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from friction_estimator.core.config import Config
+from friction_estimator.core.sample import Samples
+from friction_estimator.diagnosis import quality, streams
+from friction_estimator.diagnosis.base import OddCurve, fit_base
+from friction_estimator.diagnosis.evidence import Evidence, Rule, folds_of, null_maximum
+from friction_estimator.diagnosis.excitation import pressure_order, speed_levels
+from friction_estimator.diagnosis.floor import noise_floor
+from friction_estimator.diagnosis.library import spectral_lines
+from friction_estimator.diagnosis.products import inner
+from friction_estimator.diagnosis.record import build_record, joined, periods, reversals
+from friction_estimator.rig.drive import segment
+from friction_estimator.rig.simulate import Scenario, simulate
+
+N, BLOCKS = 4000, 20
+
+
+def evidence(residual: np.ndarray, tangent: np.ndarray, seed: int = 0) -> Evidence:
+    block = np.repeat(np.arange(BLOCKS), N // BLOCKS)
+    used = np.ones(N, np.bool_)
+    return Evidence(tangent, np.zeros(tangent.shape[1]), residual, used, block, seed)
+
+
+@pytest.fixture(scope="module")
+def noise() -> np.ndarray:
+    return np.random.default_rng(0).standard_normal((N, 12))
+
+
+def test_a_planted_column_is_fitted_whatever_the_base_spans(noise: np.ndarray) -> None:
+    tangent, column = noise[:, :5], noise[:, 5:6] + noise[:, :1]
+    machine = evidence(0.4 * column[:, 0] + 0.1 * noise[:, 6] + tangent @ np.ones(5), tangent)
+    fit = machine.fit(machine.moments(column), Rule((0,)))
+    assert fit.weights == pytest.approx([0.4], abs=0.01)
+    gains = machine.cross_validated(machine.moments(column), Rule((0,)))
+    assert gains.shape == (BLOCKS,)
+    assert gains.sum() == pytest.approx(fit.gain, rel=0.05)
+
+
+def test_held_out_gain_of_nothing_is_negative_on_average(noise: np.ndarray) -> None:
+    gains = []
+    for k in range(1, 12):
+        machine = evidence(noise[:, 0], noise[:, k : k + 1] * 0.0 + 1.0)
+        gains.append(machine.cross_validated(machine.moments(noise[:, k : k + 1]), Rule((0,))).sum())
+    assert np.mean(gains) < 0.5
+
+
+def test_signs_and_gain_limits_are_kept(noise: np.ndarray) -> None:
+    machine = evidence(-0.4 * noise[:, 5] + 0.1 * noise[:, 6], noise[:, :2])
+    moments = machine.moments(noise[:, 5:6])
+    assert machine.fit(moments, Rule((1,))).weights == pytest.approx([0.0])
+    assert machine.fit(moments, Rule((-1,))).weights == pytest.approx([-0.4], abs=0.01)
+    up = evidence(9.0 * noise[:, 5], noise[:, :2])
+    assert up.fit(up.moments(noise[:, 5:6]), Rule((1,), near_one=True)).weights == pytest.approx([2.5])
+
+
+def test_many_hypotheses_at_once_are_the_same_as_one_by_one(noise: np.ndarray) -> None:
+    machine = evidence(noise[:, 11], noise[:, :3])
+    groups = [noise[:, 3:4], noise[:, 4:7], noise[:, 7:9]]
+    for many, columns in zip(machine.moments_of_many(groups), groups, strict=True):
+        one = machine.moments(columns)
+        for name in ("zx", "xx", "xe"):
+            np.testing.assert_allclose(getattr(many, name), getattr(one, name), atol=1e-9)
+
+
+def test_the_bootstrap_covers_the_chance_maximum(noise: np.ndarray) -> None:
+    rng = np.random.default_rng(4)
+    columns = rng.standard_normal((N, 60))
+    above = 0
+    for trial in range(60):
+        machine = evidence(np.random.default_rng(100 + trial).standard_normal(N), noise[:, :2])
+        moments = [machine.moments(columns[:, k : k + 1]) for k in range(60)]
+        null = null_maximum(machine, [machine.projected(m) for m in moments], [Rule((0,))] * 60, 300)
+        best = max(machine.fit(m, Rule((0,))).gain for m in moments)
+        above += best > np.quantile(null, 0.9)
+    assert above <= 13  # a tenth of 60 expected; 13 has a chance below 1 in 100
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(2, 200), st.integers(0, 50))
+def test_folds_are_balanced(blocks: int, seed: int) -> None:
+    counts = np.bincount(folds_of(blocks, seed))
+    assert counts.sum() == blocks
+    assert counts.max() - counts.min() <= 1
+
+
+def test_products_in_pieces_are_products(noise: np.ndarray) -> None:
+    np.testing.assert_allclose(inner(noise, noise), noise.T @ noise)
+    np.testing.assert_allclose(inner(noise, noise[:, 0]), noise.T @ noise[:, 0])
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.floats(-0.3, 0.3), min_size=1, max_size=40), st.floats(1e-3, 1.0))
+def test_static_curve_is_odd(velocities: list[float], top: float) -> None:
+    curve, v = OddCurve(top), np.array(velocities)
+    np.testing.assert_allclose(curve(v), -curve(-v), atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def clean() -> Samples:
+    parts = (segment(1.0, 50.0, 10.0), segment(2.5, 200.0, 20.0))
+    return simulate(Scenario(parts, plant="clean", rate_hz=200.0, noise=0.01, seed=5)).samples
+
+
+def test_base_learns_the_clean_plant_to_the_noise(clean: Samples) -> None:
+    record = build_record([clean], Config())
+    fit = fit_base(record, Config())
+    assert fit.residual_N.std() / np.sqrt(np.mean(clean.friction_N**2)) == pytest.approx(0.01, rel=0.05)
+    taps = np.concatenate([[1.0], fit.taps]) / (1.0 + fit.taps.sum())
+    assert taps[:3] == pytest.approx([0.8, 0.15, 0.05], abs=0.02)
+    assert fit.condition < 1.2
+    assert noise_floor(record, fit.residual_N) == pytest.approx(fit.residual_N.std(), rel=0.08)
+
+
+def test_recordings_that_restart_their_clock_are_put_in_order(clean: Samples) -> None:
+    whole, number = joined([clean, clean[:500]])
+    assert np.all(np.diff(whole.stamp_ns) > 0)
+    assert number.tolist() == [0] * len(clean) + [1] * 500
+    assert whole.restart[len(clean)]
+
+
+def test_periods_and_reversals_are_counted(clean: Samples) -> None:
+    turns = reversals(clean.velocity_m_s, clean.restart)
+    assert turns.size == pytest.approx(2 * (10 + 8), abs=2)
+    assert periods(clean.time_s, turns) == pytest.approx((2.5, 1.0), rel=0.01)
+
+
+def test_lattice_is_measured() -> None:
+    values = np.random.default_rng(1).normal(size=5000)
+    assert quality.lattice_step(np.round(values / 0.07) * 0.07) == pytest.approx(0.07, rel=1e-6)
+    assert quality.lattice_step(values) == 0.0
+
+
+@pytest.mark.parametrize("pole", [0.0, 0.7])
+def test_noise_of_any_colour_has_no_outliers(clean: Samples, pole: float) -> None:
+    from scipy.signal import lfilter
+
+    record = build_record([clean], Config())
+    residual = lfilter([1.0], [1.0, -pole], np.random.default_rng(3).standard_normal(len(clean)))
+    assert quality.outliers(record, residual) is None
+    residual[[517, 1493, 2581, 3444, 4719, 5301]] += 12.0
+    found = quality.outliers(record, residual)
+    assert found is not None
+    assert found.used is not None
+    assert set(np.flatnonzero(~found.used)) == {517, 1493, 2581, 3444, 4719, 5301}
+
+
+def test_spectral_lines_stand_out_of_coloured_noise() -> None:
+    from scipy.signal import lfilter
+
+    rng = np.random.default_rng(8)
+    time = np.arange(20_000) / 200.0
+    noise = lfilter([1.0], [1.0, -0.8], rng.standard_normal(time.size))
+    assert spectral_lines(noise, time, 0.005) == []
+    found = spectral_lines(noise + 0.4 * np.sin(2 * np.pi * 13.7 * time), time, 0.005)
+    assert found[0] == pytest.approx(13.7, abs=0.01)
+
+
+def test_stamps_tell_their_faults() -> None:
+    t = np.arange(1000) * 5_000_000
+    assert streams.offset_ns(t, t) == 0
+    assert streams.offset_ns(t, t - 900_000) == -900_000
+    assert streams.duplicates({"duplicate_stamp": 40}, 4000) is not None
+    assert streams.duplicates({"duplicate_stamp": 1}, 4000) is None
+
+
+def test_constant_speeds_are_told_from_a_sine() -> None:
+    time = np.arange(0.0, 20.0, 0.01)
+    number = np.zeros(time.size)
+    assert speed_levels(0.1 * np.sin(time * 6.0), number) == []
+    square = np.where(np.sin(time) > 0.0, 0.014, -0.010)
+    assert speed_levels(square, number) == pytest.approx([-0.010, 0.014])
+
+
+def test_one_order_of_pressures_is_warned_of() -> None:
+    def run(levels: tuple[float, ...]) -> str:
+        parts = tuple(segment(1.0, psi, 8.0) for psi in levels)
+        return pressure_order(build_record([simulate(Scenario(parts, rate_hz=100.0)).samples], Config()))
+
+    assert "randomise" in run((50.0, 100.0, 200.0))
+    assert run((50.0, 200.0, 50.0)) == ""
+    assert run((50.0, 50.0)) == ""
