@@ -89,8 +89,8 @@ def build_library(
         if name in out or (cls.channel == "pressure" and "pressure" not in context.channels):
             continue
         found += hypotheses(cls, cls.grid(context), features, reference, evidence)
-    lines = EFFECTS["periodic_disturbance"]
-    if "periodic_disturbance" not in out:
+    if "periodic_disturbance" in EFFECTS and "periodic_disturbance" not in out:
+        lines = EFFECTS["periodic_disturbance"]
         peaks = spectral_lines(evidence.residual, features.time_s, context.step_s)
         found += hypotheses(lines, [{"frequency": f} for f in peaks], features, reference, evidence)
     return found

@@ -183,7 +183,7 @@ def local_scale(record: Record, residual: Floats) -> Floats:
 def outliers(record: Record, residual: Floats) -> Finding | None:
     """Find isolated spikes among the innovations of an autoregression of order two, against the local scale."""
     usual = 1.4826 * float(np.median(np.abs(residual[record.used]))) + 1e-300
-    calm = np.clip(residual, -4.0 * usual, 4.0 * usual)
+    calm = np.clip(residual, -2.5 * usual, 2.5 * usual)
     past = np.column_stack([calm[1:-1], calm[:-2]])
     weights = np.linalg.lstsq(past, calm[2:], rcond=None)[0]
     # Clipped neighbours: a spike must not make the sample after it look like one.
@@ -192,8 +192,8 @@ def outliers(record: Record, residual: Floats) -> Finding | None:
     hit = (size > SPIKE) & record.used
     neighbours = np.zeros(hit.size)
     for shift in (1, 2, 3):
-        neighbours[shift:] += size[:-shift] > 3.5
-        neighbours[:-shift] += size[shift:] > 3.5
+        neighbours[shift:] += size[:-shift] > np.maximum(3.5, 0.5 * size[shift:])
+        neighbours[:-shift] += size[shift:] > np.maximum(3.5, 0.5 * size[:-shift])
     hit &= neighbours == 0
     count = int(hit.sum())
     if count >= FEWEST_SPIKES and _gathered(record, hit):

@@ -19,6 +19,8 @@ PARTIAL = 0.06
 LEAST_SHARE = 0.003
 SPECTRUM = "frequency"
 
+SLOW = ("time_s", "distance_m")
+
 
 @dataclass(frozen=True)
 class Remainder:
@@ -69,7 +71,13 @@ def unexplained(
     moments = {name: evidence.moments(columns) for name, columns in groups.items()}
     rules = {name: Rule((0,) * columns.shape[1]) for name, columns in groups.items()}
     null = null_maximum(evidence, [evidence.projected(m) for m in moments.values()], list(rules.values()), FLIPS)
+    noise = float(evidence.ee.sum()) / evidence.samples
     gains = {n: float(evidence.cross_validated(m, rules[n]).sum()) for n, m in moments.items()}
+    for name in SLOW:
+        if name in moments:
+            # A block is a stretch of time: left out, nothing is known of its bins. In the sample, less chance's share.
+            chance = 2.0 * moments[name].xe.shape[1] * noise
+            gains[name] = evidence.fit(moments[name], rules[name]).gain - chance
     explained = sum(c.gain for c in found.causes)
     explained += evidence.samples * sum(f.power_N2 for f in findings)
     explained += evidence.samples * (burst.power_N2 if burst is not None else 0.0)
@@ -77,7 +85,6 @@ def unexplained(
     best = max(gains, key=lambda n: gains[n])
     quantile = float(np.quantile(null, 1.0 - LEVEL))
     # The bootstrap keeps what the variable explains: its own share is taken out of the threshold.
-    noise = total / evidence.samples
     threshold = max(min(quantile, 4.0 * noise * moments[best].xe.shape[1] + 30.0 * noise), LEAST_SHARE * total)
     if gains[best] > threshold and gains[best] > PARTIAL * (explained + gains[best]):
         share = gains[best] / (explained + gains[best])
