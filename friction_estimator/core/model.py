@@ -80,6 +80,24 @@ class Parameters:
         return np.concatenate([self.fir_taps, self.wavelet_weights, self.theory_taps, self.extension_weights])
 
 
+def theory_scale(config: Config, theory: TheoryCurve | None) -> float:
+    """Return the factor on the theoretical curve: 1, or what gives it the rms `force_unit` where it is far off.
+
+    A curve for another machine (forces 1000 times larger, say) would otherwise dominate every regressor.
+    """
+    if theory is None or not config.basis.velocity_range or not config.force_unit > 0.0:
+        return 1.0
+    low, high = config.basis.velocity_range
+    curve = theory.evaluate(
+        low + (high - low) * (np.arange(SCALE_POINTS) + 0.5) / SCALE_POINTS,
+        np.full(SCALE_POINTS, config.theory.default_pressure),
+        np.full(SCALE_POINTS, config.theory.default_temperature),
+    )
+    ratio = float(np.sqrt(np.mean(np.square(curve))) / config.force_unit)
+    plausible = 1.0 / PLAUSIBLE_SCALE <= ratio <= PLAUSIBLE_SCALE
+    return 1.0 if plausible or not ratio > 0.0 else 1.0 / ratio
+
+
 class Model:
     """Structure of a Hammerstein or parallel model, without its parameters' values.
 
@@ -105,26 +123,7 @@ class Model:
         columns = extension.size if extension else 0
         self.shape: Ints = np.array([taps, self.basis.size, theory_taps, columns], np.int64)
         self._edges = np.cumsum(self.shape)
-        self.theory_scale = self._theory_scale()
-
-    def _theory_scale(self) -> float:
-        """Return the factor on the theoretical curve: 1, or what gives it the rms `force_unit` where it is far off.
-
-        A curve for another machine (forces 1000 times larger, say) would otherwise dominate every regressor.
-        """
-        if self.theory is None or not self.config.basis.velocity_range:
-            return 1.0
-        low, high = self.config.basis.velocity_range
-        middle = (np.arange(SCALE_POINTS) + 0.5) / SCALE_POINTS
-        settings = self.config.theory
-        curve = self.theory.evaluate(
-            low + (high - low) * middle,
-            np.full(SCALE_POINTS, settings.default_pressure),
-            np.full(SCALE_POINTS, settings.default_temperature),
-        )
-        ratio = float(np.sqrt(np.mean(np.square(curve))) / self.config.force_unit)
-        plausible = 1.0 / PLAUSIBLE_SCALE <= ratio <= PLAUSIBLE_SCALE
-        return 1.0 if plausible or not ratio > 0.0 else 1.0 / ratio
+        self.theory_scale = theory_scale(config, self.theory)
 
     @property
     def size(self) -> int:

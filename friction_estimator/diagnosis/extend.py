@@ -5,6 +5,7 @@ import numpy as np
 from friction_estimator.core.basis import basis_from_config
 from friction_estimator.core.config import Config
 from friction_estimator.core.derive import with_recorded_units
+from friction_estimator.core.model import theory_scale
 from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.base import BEND, BaseFit
 from friction_estimator.diagnosis.diagnose import Diagnosis
@@ -51,7 +52,9 @@ def extended_config(result: Diagnosis, config: Config) -> Config:
         "learned.extension_weights": tuple(weights),
     }
     if base.theory is not None:
-        learned["learned.theory_taps"] = tuple((base.theory_gain * shape).tolist())
+        # The estimator's taps stand behind the scaled curve.
+        gain = base.theory_gain / theory_scale(units, base.theory)
+        learned["learned.theory_taps"] = tuple((gain * shape).tolist())
     return units.updated(learned)
 
 

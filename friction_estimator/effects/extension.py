@@ -13,6 +13,7 @@ import numpy as np
 from friction_estimator.core.basis import basis_from_config
 from friction_estimator.core.config import Config
 from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.model import theory_scale
 from friction_estimator.core.sample import Floats, Samples
 from friction_estimator.core.theory import theory_from_config
 from friction_estimator.core.theory_seal import SealCurve
@@ -187,7 +188,7 @@ def reference_from_config(config: Config) -> Reference:
     theory = theory_from_config(config)
     learned = config.learned
     taps = np.array(learned.fir_taps or (1.0,))
-    theory_gain = float(np.sum(learned.theory_taps)) if learned.theory_taps else 1.0
+    theory_gain = theory_scale(config, theory) * (float(np.sum(learned.theory_taps)) if learned.theory_taps else 1.0)
     warm = config.theory.default_temperature
     basis = basis_from_config(config.basis) if learned.wavelet_weights and config.basis.velocity_range else None
     weights = np.array(learned.wavelet_weights)
