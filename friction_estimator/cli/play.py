@@ -1,12 +1,18 @@
 """`play`: publish a recording to the live node, where `ros2 bag play` is not installed."""
 
 import argparse
+import signal
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from friction_estimator.bag.source import Source
 from friction_estimator.cli import common
 from friction_estimator.core.errors import InputError
+
+INTERRUPTED = 130
+"""Exit code of a playback that was stopped before its end."""
 
 
 def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
@@ -66,12 +72,21 @@ def run(args: argparse.Namespace, ros_arguments: tuple[str, ...] = ()) -> int:
         print(f"play: {line}", flush=True)
 
     with Source(args.bag) as source, Player(source, playback, say, ros_arguments) as player:
-        try:
+        with _stopped_by_signals(player.stop):
             player.run()
-        except KeyboardInterrupt:
-            if not args.loop:
-                raise
-    return 0
+        # A loop has no other end than this.
+        return INTERRUPTED if player.stopped and not args.loop else 0
+
+
+@contextmanager
+def _stopped_by_signals(stop: Callable[[], None]) -> Iterator[None]:
+    """Turn SIGINT and SIGTERM into a call of `stop` for as long as the block lasts."""
+    before = {number: signal.signal(number, lambda *_: stop()) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _remap(rules: list[str]) -> dict[str, str]:

@@ -30,6 +30,9 @@ on a busy machine one whose first announcements went unheard appears only then."
 
 ACKNOWLEDGE_S = 30.0
 
+NAP_S = 0.1
+"""Longest sleep at a time: bounds how late a wish to stop is noticed."""
+
 
 @dataclass(frozen=True)
 class Playback:
@@ -88,6 +91,7 @@ class Player:
                 f"{source.path} is a ROS 1 recording; convert it first: rosbags-convert --src ... --dst ..."
             )
         self._source, self._playback, self._say = source, playback, say
+        self._stopping = False
         first, last = source.span_ns
         self._start_ns = first + round(playback.start_offset_s * NS_PER_S)
         if self._start_ns >= last:
@@ -139,17 +143,29 @@ class Player:
                 raise InputError(f"{self._source.path} has no topic {name}: it has {', '.join(topics) or 'none'}")
         return [topics[name] for name in self._playback.topics or topics]
 
+    def stop(self) -> None:
+        """Let `run` end at the next message; may be called by a signal handler.
+
+        A flag, not an exception: one that is raised while a message is being published or an object is cleared away
+        can get lost there.
+        """
+        self._stopping = True
+
+    @property
+    def stopped(self) -> bool:
+        """Whether `stop` was called."""
+        return self._stopping
+
     def run(self) -> int:
         """Play; return the number of messages published."""
         self._await_subscribers()
         count = 0
-        try:
-            while True:
-                count += self._once()
-                if not self._playback.loop:
-                    return count
-        finally:
-            self._await_acknowledgement(count)
+        while not self._stopping:
+            count += self._once()
+            if not self._playback.loop:
+                break
+        self._await_acknowledgement(count)
+        return count
 
     def _once(self) -> int:
         rate = self._playback.rate
@@ -157,15 +173,15 @@ class Player:
 
         def wait_until(stamp_ns: int) -> None:
             due = begin + (stamp_ns - anchor_ns) / (NS_PER_S * rate)
-            while (left := due - time.perf_counter()) > 0.0:
-                time.sleep(left)
+            while not self._stopping and (left := due - time.perf_counter()) > 0.0:
+                time.sleep(min(left, NAP_S))
 
         tick_ns = round(NS_PER_S * rate / self._playback.clock_hz) if self._clock is not None else 0
         next_tick_ns, count = anchor_ns, 0
 
         def tell_time(until_ns: int) -> None:
             nonlocal next_tick_ns
-            while self._clock is not None and next_tick_ns <= until_ns:
+            while self._clock is not None and next_tick_ns <= until_ns and not self._stopping:
                 wait_until(next_tick_ns)
                 message = Clock()
                 message.clock.sec, message.clock.nanosec = divmod(next_tick_ns, NS_PER_S)
@@ -177,6 +193,8 @@ class Player:
                 break
             tell_time(log_time_ns)
             wait_until(log_time_ns)
+            if self._stopping:
+                return count
             self._publishers[topic].publish(raw)
             count += 1
         tell_time(self._end_ns - 1)
@@ -190,7 +208,7 @@ class Player:
         told = False
         known: list[int] = []
         since = time.monotonic()
-        while True:
+        while not self._stopping:
             matched = [publisher.get_subscription_count() for publisher in publishers]
             wanted = [self._node.count_subscribers(publisher.topic_name) for publisher in publishers]
             now = time.monotonic()
@@ -205,6 +223,8 @@ class Player:
                 self._say("waiting for subscribers")
                 told = True
             time.sleep(0.01)
+        if self._stopping:
+            return
         if wait_s and not any(matched):
             names = ", ".join(publisher.topic_name for publisher in publishers)
             raise UnanswerableError(
