@@ -62,8 +62,9 @@ def singles(lines: list[dict[str, Any]], show: bool) -> None:
         flagged = np.mean([x.get("remainder") is not None for x in group])
         recovered = [r for x in group if (r := recovery(x)) is not None]
         print(
-            f"size {key[0]:5} noise {key[1]:4}: n {len(group):3d}  first {100 * first.mean():5.1f} %  in set "
-            f"{100 * inset.mean():5.1f} %  set size {np.mean(size):.2f}  wrong names {100 * wrong / len(group):4.1f} %  "
+            f"size {key[0]:5} noise {key[1]:4}: n {len(group):3d}  first {100 * first.mean():5.1f} %  "
+            f"in set {100 * inset.mean():5.1f} %  set size {np.mean(size):.2f}  "
+            f"wrong names {100 * wrong / len(group):4.1f} %  "
             f"flagged {100 * flagged:4.1f} %  recovered {100 * np.median(recovered) if recovered else np.nan:5.1f} %"
         )
         if show:
@@ -109,8 +110,8 @@ def coverage(lines: list[dict[str, Any]], show: bool) -> None:
     if every:
         usual = [r for r in every if not r[2]]
         print(
-            f"intervals cover {100 * np.mean([r[0] for r in every]):.1f} % (n {len(every)}); in the regressor's own form "
-            f"{100 * np.mean([r[0] for r in usual]):.1f} % (n {len(usual)}); within 10 % or inside: "
+            f"intervals cover {100 * np.mean([r[0] for r in every]):.1f} % (n {len(every)}); "
+            f"in the regressor's own form {100 * np.mean([r[0] for r in usual]):.1f} % (n {len(usual)}); within 10 % or inside: "
             f"{100 * np.mean([r[1] for r in every]):.1f} %, own form {100 * np.mean([r[1] for r in usual]):.1f} %"
         )
     if show:
@@ -119,7 +120,8 @@ def coverage(lines: list[dict[str, Any]], show: bool) -> None:
             other = [r for r in group if r[2]]
             ratio = " ".join(f"{r[3]:.3f}{'' if r[0] else '!'}{'*' if r[2] else ''}" for r in group[:12])
             print(
-                f"   {effect}.{name}: cover {sum(r[0] for r in own)}/{len(own)} other {sum(r[0] for r in other)}/{len(other)}  {ratio}"
+                f"   {effect}.{name}: cover {sum(r[0] for r in own)}/{len(own)} "
+                f"other {sum(r[0] for r in other)}/{len(other)}  {ratio}"
             )
 
 
@@ -178,7 +180,8 @@ def report(lines: list[dict[str, Any]], show: bool = False) -> None:
                 for x in group
             ]
             print(
-                f"   one {100 * np.mean([any(f) for f in found]):.0f} %, both {100 * np.mean([all(f) for f in found]):.0f} %, spurious {np.mean(spurious):.2f}"
+                f"   one {100 * np.mean([any(f) for f in found]):.0f} %, "
+                f"both {100 * np.mean([all(f) for f in found]):.0f} %, spurious {np.mean(spurious):.2f}"
             )
             if show:
                 for x in group:
