@@ -111,8 +111,9 @@ def coverage(lines: list[dict[str, Any]], show: bool) -> None:
         usual = [r for r in every if not r[2]]
         print(
             f"intervals cover {100 * np.mean([r[0] for r in every]):.1f} % (n {len(every)}); "
-            f"in the regressor's own form {100 * np.mean([r[0] for r in usual]):.1f} % (n {len(usual)}); within 10 % or inside: "
-            f"{100 * np.mean([r[1] for r in every]):.1f} %, own form {100 * np.mean([r[1] for r in usual]):.1f} %"
+            f"in the regressor's own form {100 * np.mean([r[0] for r in usual]):.1f} % (n {len(usual)}); "
+            f"within 10 % or inside: {100 * np.mean([r[1] for r in every]):.1f} %, "
+            f"own form {100 * np.mean([r[1] for r in usual]):.1f} %"
         )
     if show:
         for (effect, name), group in sorted(rows.items()):
