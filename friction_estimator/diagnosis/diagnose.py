@@ -124,7 +124,7 @@ def diagnose(
     findings = [*faults, *findings]
     lattice = next((f for f in findings if f.name == "quantization"), None)
     coarse = lattice.power_N2 if lattice is not None and lattice.extra.get("coarse") else 0.0
-    found = search(record, config, context, seed, progress, coarse)
+    found = search(record, config, context, seed, progress, coarse, {f.name for f in findings})
     findings = confirmed(findings, raw, found.models[-1], bool(coarse))
     progress("measuring gains on held-out data", 0.75)
     effects, models = _named(record, config, context, found, seed)

@@ -296,7 +296,10 @@ class Estimate:
 
 
 def estimates(joint: Joint, record: Record, context: Context, seed: int) -> list[dict[str, Estimate]]:
-    """Return the physical parameters of each term with intervals (delta method, Student t over blocks)."""
+    """Return the physical parameters of each term with intervals .
+
+    Sampling error by the delta method with Student t over blocks, and the effect's systematic share beside it.
+    """
     covariance = parameter_covariance(joint, record, seed)
     quantile = float(student.ppf(0.975, max(record.blocks - 1, 1)))
     place = joint.base.tangent.shape[1]
@@ -325,6 +328,7 @@ def estimates(joint: Joint, record: Record, context: Context, seed: int) -> list
                 moved[i] += step
                 slope[i] = (values(moved)[name][0] - value) / step
             reach = quantile * float(np.sqrt(max(float(slope @ part @ slope), 0.0)))
+            reach = float(np.hypot(reach, term.effect.systematic.get(name, 0.0) * abs(value)))
             found[name] = Estimate(float(value), unit, float(value - reach), float(value + reach))
         out.append(found)
     return out

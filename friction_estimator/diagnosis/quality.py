@@ -114,7 +114,7 @@ def dropout(record: Record, step_N: float) -> Finding | None:
     start, stop = start[keep], stop[keep]
     lost = int((stop - start).sum())
     # The longest run at the clipping level is no dropout: it is counted by `saturation`.
-    if start.size < 4 or lost < max(6, 1e-4 * force.size) or np.unique(force[start]).size < 0.5 * start.size:
+    if start.size < 2 or lost < max(6, 1e-4 * force.size) or np.unique(force[start]).size < 0.5 * start.size:
         return None
     held = np.zeros(force.size, np.bool_)
     for a, b in zip(start, stop, strict=True):

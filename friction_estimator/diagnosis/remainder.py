@@ -13,7 +13,7 @@ from friction_estimator.diagnosis.quality import SPIKE, Finding, local_scale
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.search import FLIPS, LEVEL, Search
 
-PARTIAL = 0.06
+PARTIAL = 0.10
 """Share of the excess over the noise that must be left for the answer to be called partial."""
 
 LEAST_SHARE = 0.003

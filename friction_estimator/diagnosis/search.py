@@ -1,6 +1,6 @@
 """Greedy search for causes: screen the library, gate, compare by joint refit, and say what cannot be told apart."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -173,11 +173,18 @@ def gate(
 
 
 def search(
-    record: Record, config: Config, context: Context, seed: int, progress: Progress, coarse_N2: float = 0.0
+    record: Record,
+    config: Config,
+    context: Context,
+    seed: int,
+    progress: Progress,
+    coarse_N2: float = 0.0,
+    known: Collection[str] = (),
 ) -> Search:
     """Find the causes in a record, greedily, until nothing passes the gate.
 
-    `coarse_N2` is error power that is known to be a lattice's: causes must bring more than that.
+    `coarse_N2` is error power that is known to be a lattice's: causes must bring more than that. `known` are
+    effects that were found in the data already.
     """
     capacity = Capacity(SPLINES, config.fir.order)
     warnings: list[str] = []
@@ -191,7 +198,7 @@ def search(
     while True:
         model = models[-1]
         evidence = model.evidence(record, seed)
-        out = {t.name for t in model.terms} | set(asked)
+        out = {t.name for t in model.terms} | set(asked) | set(known)
         families = {t.effect.family for t in model.terms}
         out |= {n for n, cls in EFFECTS.items() if cls.family in families}
         if "pressure_dependence" in out and pressure_order(record):
@@ -279,6 +286,14 @@ def compare(
     if winner in ONE_ORDER and measured and pressure_order(record):
         winner = "pressure_dependence"
     joint, lowest = fits[winner]
+    for params in EFFECTS[winner].variants(joint.terms[-1].params):
+        terms = [*model.terms, Term(EFFECTS[winner], params)]
+        other = fit_joint(record, config, context, terms, start=model.base, capacity=capacity)
+        after = cross_validated_loss(other, record, seed)
+        surplus = float((lowest - after).sum())
+        if np.isfinite(surplus) and surplus > PLAIN * sample_power(after, record):
+            joint, lowest = other, after
+            gains[winner] = float((loss - after).sum())
     rivals = []
     for name in sorted(gains, key=lambda n: -gains[n]):
         if name == winner:

@@ -95,6 +95,8 @@ class Effect:
     channel : recorded channel without which the effect cannot be named ("position", "pressure" or "").
     signs : sign of each column's coefficient, +1 or -1 where physics fixes it, 0 where it is free.
     fixed_gain : True where the columns are the whole change (coefficient one), as for a delay.
+    systematic : fitted quantity -> relative shift that another functional form of the same cause can make; part of its
+        interval, since data alone rarely tell the form (measured with the `form` keys, see benchmarks/diagnosis).
     refined : grid parameters that the diagnosis refines continuously after naming.
     steps : those of them in which the columns jump rather than bend; sought by zooming.
     """
@@ -110,6 +112,7 @@ class Effect:
     channel: ClassVar[str] = ""
     signs: ClassVar[tuple[int, ...]] = (0,)
     fixed_gain: ClassVar[bool] = False
+    systematic: ClassVar[Mapping[str, float]] = {}
     refined: ClassVar[tuple[str, ...]] = ()
     steps: ClassVar[tuple[str, ...]] = ()
 
@@ -159,6 +162,11 @@ class Effect:
     def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
         """Return the range about `value` in which a `refined` parameter is sought."""
         return (value / 2.5, value * 2.5)
+
+    @classmethod
+    def variants(cls, params: Params) -> list[dict[str, float]]:  # noqa: ARG003
+        """Return other shapes of the same cause, tried once it has been named."""
+        return []
 
     @classmethod
     def columns(cls, params: Params) -> "Columns":

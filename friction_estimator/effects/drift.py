@@ -1,6 +1,8 @@
 """Slow and sudden changes with time and distance."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -25,6 +27,7 @@ class SensorDrift(Effect):
         form_key("fast at first: as 1 - exp(-3 t / duration)"),
     )
     size_key = "total"
+    systematic: ClassVar[Mapping[str, float]] = {"total": 0.04}
     words = Words(
         "the zero of the force sensor drifts",
         "the mean residual of each cycle moves slowly with time",
@@ -78,6 +81,7 @@ class ViscosityDrift(Effect):
     )
     size_key = "drop"
     linear = False
+    systematic: ClassVar[Mapping[str, float]] = {"drop": 0.04, "time_constant": 0.1}
     words = Words(
         "the oil warms and its viscosity falls",
         "the slope of friction at high speed falls with time",
@@ -136,6 +140,7 @@ class Wear(Effect):
     )
     size_key = "change"
     reveals = "distance_m"
+    systematic: ClassVar[Mapping[str, float]] = {"change": 0.12, "length": 0.5}
     words = Words(
         "the seal wears or runs in: the boundary (Coulomb) level changes with the distance run",
         "the low-speed plateau moves with distance, not with time, and stays after rest",
@@ -192,6 +197,7 @@ class BiasStep(Effect):
         form_key("over half a second instead of at once"),
     )
     size_key = "step"
+    systematic: ClassVar[Mapping[str, float]] = {"step": 0.01, "at": 0.005}
     words = Words(
         "the zero of the force sensor jumped (it was re-zeroed or knocked)",
         "the mean residual of the cycles jumps once",
@@ -243,6 +249,7 @@ class GainStep(Effect):
         form_key("over half a second instead of at once"),
     )
     size_key = "step"
+    systematic: ClassVar[Mapping[str, float]] = {"step": 0.02, "at": 0.005}
     words = Words(
         "friction jumped as a whole (seal damaged, sensor's gain changed)",
         "the amplitude of the cycles jumps once",
@@ -291,7 +298,7 @@ def _change_points(context: Context) -> Floats:
 
 def _after(trace: Trace, at: float, form: float) -> Floats:
     if form >= 0.5:
-        return np.clip((trace.time_s - at) / 0.5, 0.0, 1.0)
+        return np.clip((trace.time_s - at) / 0.5 + 0.5, 0.0, 1.0)
     return (trace.time_s >= at).astype(np.float64)
 
 

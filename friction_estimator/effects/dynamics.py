@@ -1,6 +1,8 @@
 """Inertia, springs, lagging films, relaxation and outside disturbances."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -67,6 +69,7 @@ class SideSpring(Effect):
     )
     size_key = "stiffness"
     reveals = "position_m"
+    systematic: ClassVar[Mapping[str, float]] = {"stiffness": 0.01}
     words = Words(
         "something beside the seal is elastic (cable, hose, bellows)",
         "the residual is proportional to the position, the same at every period",
@@ -116,6 +119,7 @@ class SqueezeFilm(Effect):
     )
     size_key = "amplitude"
     reveals = "acceleration_m_s2"
+    systematic: ClassVar[Mapping[str, float]] = {"amplitude": 0.13, "speed": 0.28}
     words = Words(
         "the film is squeezed out and drawn in with a lag: friction falls while the shaft accelerates at low speed",
         "the residual follows the acceleration at low speed only",
@@ -166,6 +170,7 @@ class FrictionalLag(Effect):
     size_key = "lag"
     linear = False
     reveals = "velocity_m_s"
+    systematic: ClassVar[Mapping[str, float]] = {"lag": 0.1}
     words = Words(
         "the lubricating film needs time: friction follows an earlier speed",
         "a loop in friction over speed at low speed, wider at higher frequency",
@@ -252,13 +257,20 @@ class PeriodicDisturbance(Effect):
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
-        """Return cos and sin of 2 pi f t; the diagnosis finds f in the spectrum."""
+        """Return cos and sin of 2 pi f t (and of its harmonics); the diagnosis finds f in the spectrum."""
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
             angle = 2.0 * np.pi * params["frequency"] * f.time_s
-            return np.column_stack([np.cos(angle), np.sin(angle)])
+            order = range(1, count + 1)
+            return np.column_stack([wave(k * angle) for k in order for wave in (np.cos, np.sin)])
 
-        return Columns(compute, 2)
+        count = round(params.get("harmonics", 1.0))
+        return Columns(compute, 2 * count)
+
+    @classmethod
+    def variants(cls, params: Params) -> list[dict[str, float]]:
+        """A periodic wave that is no sine: with three harmonics."""
+        return [dict(params) | {"harmonics": 3.0}]
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
@@ -291,6 +303,7 @@ class ViscoelasticRelaxation(Effect):
     )
     size_key = "stiffness"
     reveals = "position_m"
+    systematic: ClassVar[Mapping[str, float]] = {"stiffness": 0.05, "time_constant": 0.08}
     words = Words(
         "the seal's material relaxes (Maxwell element): an elastic force that fades",
         "a force with a phase lead over position that depends on the period",

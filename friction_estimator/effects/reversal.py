@@ -1,5 +1,8 @@
 """What happens at and after a reversal: breakaway, presliding, backlash, stick-slip."""
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 import numpy as np
 
 from friction_estimator.core.sample import Floats
@@ -28,6 +31,7 @@ class Breakaway(Effect):
     )
     size_key = "amplitude"
     reveals = "since_reversal_m"
+    systematic: ClassVar[Mapping[str, float]] = {"length": 0.1, "amplitude": 0.1}
     words = Words(
         "the seal sticks while it rests: breaking away costs more force than running",
         "a positive spike just after each reversal, higher after a longer rest",
@@ -99,6 +103,7 @@ class Presliding(Effect):
     )
     size_key = "amplitude"
     reveals = "since_reversal_m"
+    systematic: ClassVar[Mapping[str, float]] = {"length": 0.15, "amplitude": 0.05}
     words = Words(
         "the contact is elastic: after a reversal friction builds up over a small distance",
         "a negative spike after each reversal that decays over the same distance at every speed",

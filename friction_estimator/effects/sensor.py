@@ -1,6 +1,8 @@
 """Faults of the force channel: bias, clipping, resolution, held values, spikes, filtering and delay."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -203,6 +205,7 @@ class TimeDelay(Effect):
     size_key = "delay"
     linear = False
     reveals = "since_reversal_s"
+    systematic: ClassVar[Mapping[str, float]] = {"delay": 0.03}
     words = Words(
         "the force is late: delay of the channel, or stamps taken on arrival",
         "a spike after each reversal that lasts as long at every speed of the drive (e ~ df/dt)",
@@ -266,6 +269,7 @@ class SensorLowpass(Effect):
     size_key = "time_constant"
     linear = False
     reveals = "since_reversal_s"
+    systematic: ClassVar[Mapping[str, float]] = {"time_constant": 0.3}
     words = Words(
         "the force channel is low-pass filtered",
         "reversals are smeared over the same time at every speed of the drive",

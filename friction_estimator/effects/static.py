@@ -1,5 +1,8 @@
 """What the static curve hides: direction, position, pressure."""
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 import numpy as np
 
 from friction_estimator.core.sample import Floats
@@ -23,6 +26,7 @@ class DirectionAsymmetry(Effect):
     )
     size_key = "asymmetry"
     reveals = "velocity_m_s"
+    systematic: ClassVar[Mapping[str, float]] = {"asymmetry": 0.18}
     words = Words(
         "friction differs between extending and retracting",
         "the static curve has an even part that vanishes at standstill",
@@ -102,21 +106,24 @@ class PositionDependence(Effect):
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
-        """Return cos and sin of 2 pi x / L in each direction."""
+        """Return cos and sin of 2 pi x / L in each direction, times |F| where it `modulates`."""
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
             out = np.empty((f.size, 4))
             waves(f.position_m, f.direction, params["wavelength"], out)
+            if params.get("modulates", 0.0) >= 0.5:
+                out *= np.abs(f.force_N)[:, None]
             return out
 
         return Columns(compute, 4)
 
     @classmethod
-    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
-        """Amplitude in each direction and wavelength."""
+    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:
+        """Amplitude in each direction (at the rms of friction, where it modulates) and wavelength."""
+        unit = context.force_rms_N if params.get("modulates", 0.0) >= 0.5 else 1.0
         return {
-            "amplitude_forward": (float(np.hypot(weights[0], weights[1])), "N"),
-            "amplitude_backward": (float(np.hypot(weights[2], weights[3])), "N"),
+            "amplitude_forward": (float(np.hypot(weights[0], weights[1])) * unit, "N"),
+            "amplitude_backward": (float(np.hypot(weights[2], weights[3])) * unit, "N"),
             "wavelength": (params["wavelength"], "m"),
         }
 
@@ -126,6 +133,11 @@ class PositionDependence(Effect):
         wave = context.stroke_m / value
         reach = 0.25 if wave < 10.0 else 0.5
         return (context.stroke_m / (wave + reach), context.stroke_m / max(wave - reach, 1.5))
+
+    @classmethod
+    def variants(cls, params: Params) -> list[dict[str, float]]:
+        """A ripple that modulates the friction instead of adding to it."""
+        return [dict(params) | {"modulates": 1.0}]
 
     signs = (0, 0, 0, 0)
     refined = ("wavelength",)
@@ -146,6 +158,7 @@ class PressureDependence(Effect):
     )
     size_key = "boundary"
     reveals = "pressure_Pa"
+    systematic: ClassVar[Mapping[str, float]] = {"boundary": 0.05}
     words = Words(
         "friction depends on the sealed pressure in another way than the theory says",
         "recordings at different pressures are shifted against each other",
