@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from friction_estimator.cli import common
-from friction_estimator.cli.recorded import Loaded, add_model_options, load
+from friction_estimator.cli.recorded import Loaded, add_run_options, load
 from friction_estimator.cli.replay import summarise
 from friction_estimator.core.adaptation import LAWS
 from friction_estimator.core.batch import BatchFit, fit_batch
@@ -33,18 +33,8 @@ def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
         "parameter space the recording determines, and compare the online laws (or the one of --law) with it.",
         example="friction_estimator identify bags/demo --model hammerstein --out out",
     )
-    parser.add_argument("bag", help="recording: ROS 2 folder, .mcap or .db3 file, or ROS 1 .bag")
-    add_model_options(parser)
-    parser.add_argument(
-        "--freeze-after",
-        type=float,
-        metavar="FRACTION",
-        help="fit this first fraction of the samples only, and score the rest",
-    )
+    add_run_options(parser)
     parser.add_argument("--fit-only", action="store_true", help="leave the online laws out")
-    parser.add_argument("--out", metavar="DIR", help="write bag/, figures/, report.html, summary.json, config.yaml")
-    common.add_bag_options(parser)
-    common.add_json_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -31,10 +31,20 @@ class Loaded:
         return {"read": self.admitted.read, "used": len(self.samples), "rejected": dict(self.admitted.rejected)}
 
 
-def add_model_options(parser: argparse.ArgumentParser) -> None:
-    """Add `--model` and `--law`."""
+def add_run_options(parser: argparse.ArgumentParser) -> None:
+    """Add the recording, `--model`, `--law`, `--freeze-after`, `--out` and the options of reading and of JSON."""
+    parser.add_argument("bag", help="recording: ROS 2 folder, .mcap or .db3 file, or ROS 1 .bag")
     parser.add_argument("--model", choices=PARAMETERS["model.type"].choices, help="model structure (default: parallel)")
     parser.add_argument("--law", choices=PARAMETERS["model.law"].choices, help="adaptation law (default: rls)")
+    parser.add_argument(
+        "--freeze-after",
+        type=float,
+        metavar="FRACTION",
+        help="learn from this first fraction of the samples only, and score the rest without learning",
+    )
+    parser.add_argument("--out", metavar="DIR", help="write bag/, figures/, report.html, summary.json, config.yaml")
+    common.add_bag_options(parser)
+    common.add_json_option(parser)
 
 
 def load(args: argparse.Namespace, output: common.Output, overrides: Mapping[str, object] | None = None) -> Loaded:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from friction_estimator.cli import common
-from friction_estimator.cli.recorded import Loaded, add_model_options, load
+from friction_estimator.cli.recorded import Loaded, add_run_options, load
 from friction_estimator.core.replay import Replay, replay
 from friction_estimator.effects.extension import extension_from_config
 
@@ -22,17 +22,7 @@ def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
         "predictions, each made before its measurement was used.",
         example="friction_estimator replay bags/demo --law rls --freeze-after 0.5 --out out",
     )
-    parser.add_argument("bag", help="recording: ROS 2 folder, .mcap or .db3 file, or ROS 1 .bag")
-    add_model_options(parser)
-    parser.add_argument(
-        "--freeze-after",
-        type=float,
-        metavar="FRACTION",
-        help="learn on this first fraction of the samples only, and score the rest without learning",
-    )
-    parser.add_argument("--out", metavar="DIR", help="write bag/, figures/, report.html, summary.json, config.yaml")
-    common.add_bag_options(parser)
-    common.add_json_option(parser)
+    add_run_options(parser)
 
 
 def run(args: argparse.Namespace) -> int:
