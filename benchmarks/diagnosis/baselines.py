@@ -4,7 +4,8 @@ Runs in a virtual environment of its own: `pip install scikit-learn sysidentpy`.
 
 lasso      LassoLarsIC (scikit-learn, BIC); named is the effect whose columns carry the most power
 frols      error reduction ratio of SysIdentPy's FROLS; named is the first term; "nothing" where BIC prefers no term
-whiteness  largest autocorrelation of the residual over 25 lags against +-2.58 / sqrt(n) (99 %), as MATLAB's resid; it names nothing
+whiteness  largest autocorrelation of the residual over 25 lags against +-2.58 / sqrt(n) (99 %), as MATLAB's resid; it
+           names nothing
 """
 
 import sys

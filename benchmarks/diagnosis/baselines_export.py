@@ -1,7 +1,7 @@
 """Write the library and the residual of records for `baselines.py`: `python baselines_export.py DIR [--first-seed S]`.
 
-The base's tangent is projected out of residual and columns, so that all methods see the same; effects without a regressor
-(lattice, dropout, ...) are left out, since regression cannot name them.
+The base's tangent is projected out of residual and columns, so that all methods see the same; effects
+without a regressor (lattice, dropout, ...) are left out, since regression cannot name them.
 """
 
 import argparse

@@ -1,8 +1,8 @@
 """Run the hidden cases and write a table: `python study.py KIND OUT.jsonl [--seeds 5] [--first-seed 1000]`.
 
-Kinds: single (26 effects x sizes x noises x seeds), nothing, coloured, catalogue (each effect taken out of it), pairs,
-condition (fit on three operating conditions, shown on the fourth). One JSON line a record; a run that was
-interrupted goes on where it stopped. `table.py` turns the lines into the table.
+Kinds: single (26 effects x sizes x noises x seeds), nothing, coloured (AR noise), catalogue (each effect in turn taken
+out of it), pairs. One JSON line a record; a run that was interrupted goes on where it stopped. `table.py`
+turns the lines into the table.
 """
 
 import argparse

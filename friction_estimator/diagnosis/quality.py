@@ -26,6 +26,9 @@ FEWEST_TIES = 8
 SMOOTHING = 9
 """Samples of the Savitzky-Golay window that repairs a noisy velocity."""
 
+FAST = 0.05
+"""Share of the top speed: slower, a gap in the data looks like a jump of the clock."""
+
 MISMATCH = 0.02
 """Relative difference of velocity and position's derivative that counts."""
 
@@ -101,6 +104,7 @@ def dropout(record: Record, step_N: float) -> Finding | None:
     start = np.flatnonzero(same & ~np.concatenate([[False], same[:-1]]))
     stop = np.flatnonzero(same & ~np.concatenate([same[1:], [False]])) + 1
     length = stop - start
+    fewest = 2
     if step_N > 0.0:
         natural = same.mean()
         longest = np.log(1e-4 / force.size) / np.log(max(min(natural, 0.999), 1e-9))
@@ -111,10 +115,11 @@ def dropout(record: Record, step_N: float) -> Finding | None:
     if step_N == 0.0 and np.unique(force).size < 0.98 * (force.size - int(same.sum())):
         # Values recur elsewhere too: a fine lattice, on which single repeats are natural.
         keep &= length >= 3
+        fewest = 8
     start, stop = start[keep], stop[keep]
     lost = int((stop - start).sum())
     # The longest run at the clipping level is no dropout: it is counted by `saturation`.
-    if start.size < 2 or lost < max(6, 1e-4 * force.size) or np.unique(force[start]).size < 0.5 * start.size:
+    if start.size < fewest or lost < max(6, 1e-4 * force.size) or np.unique(force[start]).size < 0.5 * start.size:
         return None
     held = np.zeros(force.size, np.bool_)
     for a, b in zip(start, stop, strict=True):
@@ -324,7 +329,8 @@ def clock_jump(record: Record, context: Context) -> Finding | None:
     for k in np.flatnonzero(same & ((step > 4.0 * context.step_s) | (step < 0.0))):
         expected = 0.5 * (v[k] + v[k + 1])
         moved = position[k + 1] - position[k]
-        if abs(expected) * abs(step[k]) < 20.0 * abs(expected) * context.step_s or not np.isfinite(moved):
+        slow = min(v[k] * v[k + 1], expected**2) < (FAST * context.top_speed_m_s) ** 2
+        if slow or abs(expected * step[k]) < 0.05 * context.stroke_m or not np.isfinite(moved):
             continue
         if abs(moved - expected * context.step_s) < 0.2 * abs(moved - expected * step[k]):
             jumps.append((float(step[k] - context.step_s), float(record.features.time_s[k])))

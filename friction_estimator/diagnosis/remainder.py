@@ -16,6 +16,9 @@ from friction_estimator.diagnosis.search import FLIPS, LEVEL, Search
 PARTIAL = 0.10
 """Share of the excess over the noise that must be left for the answer to be called partial."""
 
+NOTICEABLE = 0.20
+"""Or the share of what is left, noise included, that one variable must explain."""
+
 LEAST_SHARE = 0.003
 SPECTRUM = "frequency"
 
@@ -86,7 +89,8 @@ def unexplained(
     quantile = float(np.quantile(null, 1.0 - LEVEL))
     # The bootstrap keeps what the variable explains: its own share is taken out of the threshold.
     threshold = max(min(quantile, 4.0 * noise * moments[best].xe.shape[1] + 30.0 * noise), LEAST_SHARE * total)
-    if gains[best] > threshold and gains[best] > PARTIAL * (explained + gains[best]):
+    noticeable = gains[best] > min(PARTIAL * (explained + gains[best]), NOTICEABLE * total)
+    if gains[best] > threshold and noticeable:
         share = gains[best] / (explained + gains[best])
         return Remainder(best, share, "mean", _sentence(best, share, "the mean residual"))
     line = _line(record, joint)

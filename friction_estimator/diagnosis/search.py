@@ -45,7 +45,7 @@ CANDIDATES = 6
 CONTENDER = 0.25
 """Share of the best screened gain below which an effect is not refitted."""
 
-MEASURED_SHARE = 0.7
+MEASURED_SHARE = 0.5
 """Of the best gain: what a recorded variable must explain to be preferred to an unrecorded one."""
 
 SECOND_SHARE = 0.02
@@ -265,6 +265,8 @@ def compare(
     for item in top:
         terms = [*model.terms, Term(EFFECTS[item.name], dict(item.params))]
         joint = fit_joint(record, config, context, terms, start=model.base, capacity=capacity)
+        if not _signs_kept(joint):
+            continue
         fits[item.name] = (joint, cross_validated_loss(joint, record, seed))
     gains = {n: float((loss - after).sum()) for n, (_, after) in fits.items()}
     gains = {n: g for n, g in gains.items() if np.isfinite(g)}
@@ -276,6 +278,10 @@ def compare(
         settled = fit_joint(
             record, config, context, joint.terms, start=joint.base, rounds=SETTLED_ROUNDS, capacity=capacity
         )
+        if not _signs_kept(settled):
+            if len(gains) > 1:
+                del gains[name]
+            continue
         fits[name] = (settled, cross_validated_loss(settled, record, seed))
         gains[name] = float((loss - fits[name][1]).sum())
     winner = max(gains, key=lambda n: gains[n])
@@ -314,6 +320,16 @@ NEAR_REVERSAL = (
     "squeeze_film",
     "breakaway",
 )
+
+
+def _signs_kept(joint: Joint) -> bool:
+    """Return whether the coefficients have the signs that physics gives them."""
+    return all(
+        sign * weight >= 0.0
+        for term in joint.terms
+        if len(term.effect.signs) == term.weights.size
+        for sign, weight in zip(term.effect.signs, term.weights, strict=True)
+    )
 
 
 def sample_power(loss: Floats, record: Record) -> float:

@@ -28,6 +28,8 @@ AXES: dict[str, tuple[str, float]] = {
 }
 """Variable -> axis label and the factor to its unit."""
 
+STAMPS = ("clock_jump", "duplicate_stamps", "stamp_offset")
+
 NEAR = {"since_reversal_m": 12.0, "since_reversal_s": 12.0}
 """After a reversal only this many times the effect's own length or time is shown."""
 
@@ -154,6 +156,17 @@ def _in_time(figure: Figure, result: Diagnosis, found: Found) -> None:
         axes[1].set(
             title="one against the other", xlabel="derivative of position (mm/s)", ylabel="reported velocity (mm/s)"
         )
+        return
+    if found.name in STAMPS:
+        time = raw.features.time_s
+        axes[0].plot(time[1:], np.diff(time) * 1e3, ".", ms=2, color=style.MEASURED)
+        axes[0].set(title="steps between stamps", xlabel="time (s)", ylabel="step (ms)")
+        at = found.parameters["at"].value if "at" in found.parameters else float(time[time.size // 2])
+        middle = int(np.searchsorted(time, at))
+        part = slice(max(0, middle - 40), middle + 40)
+        axes[1].plot(time[part], raw.features.position_m[part] * 1e3, ".-", ms=4, color=style.MEASURED)
+        axes[1].set(title="position about the jump" if "at" in found.parameters else "an excerpt", xlabel="time (s)")
+        axes[1].set(ylabel="position (mm)")
         return
     masked = raw.used & ~record.used
     residual = result.models[-1].residual_N
