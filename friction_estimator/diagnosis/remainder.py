@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.evidence import Rule, null_maximum
 from friction_estimator.diagnosis.floor import Burst, remainder_columns, variance_dependence
 from friction_estimator.diagnosis.joint import Joint
@@ -76,10 +77,11 @@ def unexplained(
     null = null_maximum(evidence, [evidence.projected(m) for m in moments.values()], list(rules.values()), FLIPS)
     noise = float(evidence.ee.sum()) / evidence.samples
     gains = {n: float(evidence.cross_validated(m, rules[n]).sum()) for n, m in moments.items()}
+    memory = _memory(joint.residual_N[record.used])
     for name in SLOW:
         if name in moments:
             # A block is a stretch of time: left out, nothing is known of its bins. In the sample, less chance's share.
-            chance = 2.0 * moments[name].xe.shape[1] * noise
+            chance = 2.5 * moments[name].xe.shape[1] * noise * memory
             gains[name] = evidence.fit(moments[name], rules[name]).gain - chance
     explained = sum(c.gain for c in found.causes)
     explained += evidence.samples * sum(f.power_N2 for f in findings)
@@ -88,7 +90,8 @@ def unexplained(
     best = max(gains, key=lambda n: gains[n])
     quantile = float(np.quantile(null, 1.0 - LEVEL))
     # The bootstrap keeps what the variable explains: its own share is taken out of the threshold.
-    threshold = max(min(quantile, 4.0 * noise * moments[best].xe.shape[1] + 30.0 * noise), LEAST_SHARE * total)
+    usual = (4.0 * moments[best].xe.shape[1] + 30.0) * noise * (memory if best in SLOW else 1.0)
+    threshold = max(min(quantile, usual), LEAST_SHARE * total)
     noticeable = gains[best] > min(PARTIAL * (explained + gains[best]), NOTICEABLE * total)
     if gains[best] > threshold and noticeable:
         share = gains[best] / (explained + gains[best])
@@ -113,6 +116,17 @@ def unexplained(
             words = f"{spikes} samples are far outside the scatter of the rest, at no particular place"
             return Remainder("time_s", 0.0, "variance", words)
     return None
+
+
+def _memory(residual: Floats) -> float:
+    """Return by how much coloured noise raises the power of slow averages: 1 + 2 sum of its autocorrelation.
+
+    Lags up to 40 samples, at most 20: what lasts longer is no noise.
+    """
+    centred = residual - residual.mean()
+    power = float(np.square(centred).mean()) or 1.0
+    lags = [float(np.mean(centred[k:] * centred[:-k])) / power for k in range(1, 41)]
+    return float(np.clip(1.0 + 2.0 * np.maximum(lags, 0.0).sum(), 1.0, 20.0))
 
 
 def _sentence(variable: str, share: float, what: str) -> str:
