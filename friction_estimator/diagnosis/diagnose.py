@@ -199,7 +199,9 @@ def _named(
     spread = float(np.std(record.friction_N[record.used]))
     out = []
     for i, cause in enumerate(found.causes):
-        also = [*cause.rivals, *structural_rivals(cause.name, record, context)]
+        also = list(cause.rivals)
+        for name in (cause.name, *cause.rivals):
+            also += [n for n in structural_rivals(name, record, context) if n != cause.name]
         named = {c.name for c in found.causes}
         rivals = tuple(name for name in dict.fromkeys(also) if name not in named)
         out.append(

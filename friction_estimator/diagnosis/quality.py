@@ -104,7 +104,8 @@ def dropout(record: Record, step_N: float) -> Finding | None:
     start = np.flatnonzero(same & ~np.concatenate([[False], same[:-1]]))
     stop = np.flatnonzero(same & ~np.concatenate([same[1:], [False]])) + 1
     length = stop - start
-    fewest = 2
+    # One long run among values that never recur is enough; short ones must come more than once.
+    fewest = 1 if int(length.max()) >= 5 else 2
     if step_N > 0.0:
         natural = same.mean()
         longest = np.log(1e-4 / force.size) / np.log(max(min(natural, 0.999), 1e-9))

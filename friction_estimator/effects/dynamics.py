@@ -119,7 +119,7 @@ class SqueezeFilm(Effect):
     )
     size_key = "amplitude"
     reveals = "acceleration_m_s2"
-    systematic: ClassVar[Mapping[str, float]] = {"amplitude": 0.13, "speed": 0.28}
+    systematic: ClassVar[Mapping[str, float]] = {"amplitude": 0.13, "speed": 0.32}
     words = Words(
         "the film is squeezed out and drawn in with a lag: friction falls while the shaft accelerates at low speed",
         "the residual follows the acceleration at low speed only",

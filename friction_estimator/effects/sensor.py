@@ -67,6 +67,7 @@ class Saturation(Effect):
     size_key = "level"
     linear = False
     reveals = "force_N"
+    systematic: ClassVar[Mapping[str, float]] = {"level": 0.25}
     words = Words(
         "the force channel clips: values beyond its range are cut",
         "a flat top in the force, values pile up at one level",

@@ -26,7 +26,7 @@ class DirectionAsymmetry(Effect):
     )
     size_key = "asymmetry"
     reveals = "velocity_m_s"
-    systematic: ClassVar[Mapping[str, float]] = {"asymmetry": 0.18}
+    systematic: ClassVar[Mapping[str, float]] = {"asymmetry": 0.2}
     words = Words(
         "friction differs between extending and retracting",
         "the static curve has an even part that vanishes at standstill",
