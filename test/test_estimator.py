@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from friction_estimator.core import kernels
+from friction_estimator.core import workspace
 from friction_estimator.core.adaptation import LAWS
 from friction_estimator.core.config import Config
 from friction_estimator.core.derive import with_recorded_units
@@ -104,7 +104,7 @@ def test_regressor_is_the_gradient_of_the_prediction(model_type):
     start = estimator_for(samples, model__type=model_type, model__law="lms", lms__step_size=1e-9)
     rng = np.random.default_rng(3)
     theta = rng.standard_normal(start.model.size) * 0.3
-    taps = start.model.shape[kernels.TAPS]
+    taps = start.model.shape[workspace.TAPS]
     theta[:taps] /= np.linalg.norm(theta[:taps])
     state = start.state()
 
@@ -127,7 +127,7 @@ def test_regressor_is_the_gradient_of_the_prediction(model_type):
     expected = 1e-9 * error * gradient
     expected[:taps] -= theta[:taps] * (theta[:taps] @ expected[:taps])
     np.testing.assert_allclose(step, expected, atol=2e-15)
-    assert state["version"] == 1
+    assert state["version"] == 2
 
 
 def test_lms_is_the_papers_algorithm_to_the_letter():
@@ -140,7 +140,7 @@ def test_lms_is_the_papers_algorithm_to_the_letter():
     psi = model.basis.dense(samples.velocity_m_s)
     d = model.theoretical_friction(samples) / estimator.config.force_unit
     f = samples.friction_N / estimator.config.force_unit
-    order = model.shape[kernels.TAPS]
+    order = model.shape[workspace.TAPS]
     a2, w, a1 = np.eye(order)[0], np.zeros(model.basis.size), np.eye(order)[0]
     expected = np.empty(len(samples))
     for k in range(len(samples)):

@@ -11,11 +11,9 @@ The scale orbit (c A, W / c) is closed by |A| = 1, the sign by a positive static
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy.linalg import eigh
-from scipy.optimize import minimize
 
 from friction_estimator.core.config import Config
 from friction_estimator.core.estimator import Estimator
@@ -23,16 +21,13 @@ from friction_estimator.core.metrics import nrmse
 from friction_estimator.core.model import Extension, Model, Parameters
 from friction_estimator.core.moments import RIDGE, Moments, gather, solve
 from friction_estimator.core.sample import Bools, Floats, Samples
+from friction_estimator.core.variable_projection import refine
 
 RANDOM_STARTS = 3
 """Starts at random taps beside the constructed ones."""
 
 START_RIDGES = (1.0, 1e2, 1e4)
 """Multiples of the ridge under which the over-parameterised problem is solved: its many coefficients need more."""
-
-NEWTON: Any = {"gtol": 1e-10, "maxiter": 200, "initial_trust_radius": 0.1, "max_trust_radius": 1.0}
-"""Of the refinement: largest gradient at the end, in squared normalised units for a unit vector of taps; most steps
-(ten to forty are usual); trust radii."""
 
 ROUNDING = 1e-6
 """Singular values below this share of the largest are not told from zero: they are roots of rounded moments."""
@@ -201,46 +196,6 @@ def start_taps(moments: Moments, generator: np.random.Generator) -> list[Floats]
         _, vectors = eigh(free @ output @ free.T)
         starts.append(vectors[:, -1])
     return starts + list(generator.standard_normal((RANDOM_STARTS, moments.taps)))
-
-
-def refine(moments: Moments, taps: Floats) -> Floats:
-    """Return theta at the local minimum that the trust-region Newton method reaches from `taps`.
-
-    The reduced cost phi(A) = min over the rest of C has gradient C_A (the rest is at its optimum) and Hessian
-    C_AA - C_AR C_RR^-1 C_RA. phi does not change with the length of A.
-    """
-    if moments.taps == 1:
-        return moments.eliminate(np.ones(1))
-    memory: dict[bytes, Floats] = {}
-
-    def eliminated(a: Floats) -> Floats:
-        key = a.tobytes()
-        if key not in memory:
-            memory.clear()
-            memory[key] = moments.eliminate(a)
-        return memory[key]
-
-    def cost(a: Floats) -> float:
-        return moments.cost(eliminated(a))
-
-    def gradient(a: Floats) -> Floats:
-        return moments.gradient(eliminated(a))[: moments.taps]
-
-    def hessian(a: Floats) -> Floats:
-        return reduced_hessian(moments, eliminated(a))
-
-    start = taps / np.linalg.norm(taps)
-    answer = minimize(cost, start, jac=gradient, hess=hessian, method="trust-exact", options=NEWTON)
-    end = np.asarray(answer.x, np.float64)
-    return moments.eliminate(end / np.linalg.norm(end))
-
-
-def reduced_hessian(moments: Moments, theta: Floats) -> Floats:
-    """Return the Hessian of the cost with respect to A, the rest following at its optimum, (taps, taps)."""
-    hessian, q = moments.hessian(theta), moments.taps
-    follow = solve(hessian[q:, q:], hessian[q:, :q])
-    reduced = hessian[:q, :q] - hessian[:q, q:] @ follow
-    return np.asarray(0.5 * (reduced + reduced.T))
 
 
 def on_gauge(moments: Moments, theta: Floats) -> Floats:

@@ -6,18 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from friction_estimator.core import kernels
+from friction_estimator.core import kernels, workspace
 from friction_estimator.core.adaptation import LAWS
 from friction_estimator.core.config import PARAMETERS, Config
 from friction_estimator.core.errors import ConfigError
-from friction_estimator.core.kernels import Workspace
 from friction_estimator.core.model import Extension, Model, Parameters
+from friction_estimator.core.relinearisation import Relinearisation
 from friction_estimator.core.sample import Bools, Floats, Samples
+from friction_estimator.core.workspace import Workspace
 
 CHUNK = 4096
 """Samples prepared at a time: bounds the memory of a pass over a recording."""
 
-STATE_VERSION = 1
+STATE_VERSION = 2
 
 STRUCTURE = (
     "model.type",
@@ -25,6 +26,7 @@ STRUCTURE = (
     "force_unit",
     "fir.order",
     "extension.terms",
+    "rls.relinearise",
     *(name for name in PARAMETERS if name.startswith("basis.")),
 )
 """Settings that must agree between a state and the estimator that takes it."""
@@ -85,6 +87,10 @@ class Estimator:
         prior = law.prior_variance(config, model.prior_deviation())
         covariance = prior if law.keeps_covariance else np.zeros(0)
         taps, _, theory_taps, _ = model.shape
+        self.relinearisation = Relinearisation(model)
+        kept, proposal, due = Relinearisation.arrays(model, config)
+        status = np.zeros(workspace.STARTED + 1, np.int64)
+        status[workspace.DUE] = due
         self._law_number = law.number
         self._work = Workspace(
             shape=model.shape.copy(),
@@ -96,7 +102,9 @@ class Estimator:
             prior=prior,
             law=law.constants(config),
             moments=np.array([1.0, 1.0, 0.0, 0.0, 1.0]),
-            status=np.zeros(7, np.int64),
+            status=status,
+            kept=kept,
+            proposal=proposal,
         )
         if model.extension is not None:
             model.extension.restart()
@@ -119,19 +127,22 @@ class Estimator:
         for start in range(0, len(samples), CHUNK):
             part = slice(start, start + CHUNK)
             inputs = self.model.inputs(samples[part])
-            work.status[kernels.OUTSIDE] += int(inputs.inside.size - np.count_nonzero(inputs.inside))
-            kernels.run(
-                self._law_number,
+            work.status[workspace.OUTSIDE] += int(inputs.inside.size - np.count_nonzero(inputs.inside))
+            arrays = (
                 inputs.index,
                 inputs.value,
+                samples.velocity_m_s[part],
                 inputs.theory,
                 inputs.extension,
                 inputs.target,
                 inputs.restart,
                 learns[part] & inputs.inside,
                 predicted[part],
-                *work.arrays(),
             )
+            begin = 0
+            while taken := kernels.run(self._law_number, *(array[begin:] for array in arrays), *work.arrays()):
+                self.relinearisation.visit(work)
+                begin += taken
         predicted *= self.config.force_unit
         return predicted
 
@@ -181,19 +192,20 @@ class Estimator:
         if not np.all(np.abs(theta) < kernels.LARGEST_PARAMETER):
             raise ConfigError(f"learned values must be finite and below {kernels.LARGEST_PARAMETER:g}")
         self._work.theta[:] = theta
+        self._work.status[workspace.PROPOSED] = 0  # what is proposed went on from other values
 
     @property
     def health(self) -> Health:
         """Counters and running error."""
         status = self._work.status
         return Health(
-            samples=int(status[kernels.SEEN]),
-            learned=int(status[kernels.LEARNED]),
-            guarded=int(status[kernels.GUARDED]),
-            clipped=int(status[kernels.CLIPPED]),
-            outside=int(status[kernels.OUTSIDE]),
-            alarmed=int(status[kernels.ALARMED]),
-            error_rms_N=float(np.sqrt(self._work.moments[kernels.ERROR_POWER]) * self.config.force_unit),
+            samples=int(status[workspace.SEEN]),
+            learned=int(status[workspace.LEARNED]),
+            guarded=int(status[workspace.GUARDED]),
+            clipped=int(status[workspace.CLIPPED]),
+            outside=int(status[workspace.OUTSIDE]),
+            alarmed=int(status[workspace.ALARMED]),
+            error_rms_N=float(np.sqrt(self._work.moments[workspace.ERROR_POWER]) * self.config.force_unit),
         )
 
     def state(self) -> dict[str, Any]:
@@ -201,6 +213,7 @@ class Estimator:
 
         The delay lines of extension terms are not part of it; they restart with the next sample.
         """
+        self.relinearisation.settle(self._work)
         work = self._work.copy()
         return {
             "version": STATE_VERSION,
@@ -236,6 +249,7 @@ class Estimator:
         taken["shape"] = self._work.shape
         taken["law"] = self._work.law
         self._work = Workspace(**taken)
+        self.relinearisation = Relinearisation(self.model)
         if self.model.extension is not None:
             self.model.extension.restart()
 

@@ -12,28 +12,47 @@ and its gradient, the regressor x of every law, is [F, A(q) Psi, F1, z] with F_i
 Yagle, Levitt 1998, section 3; the printed F1 repeats lag 0, which is read as a misprint).
 """
 
-from dataclasses import dataclass, fields
-
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from friction_estimator.core.sample import Floats, Ints
+from friction_estimator.core.workspace import (
+    ALARM,
+    ALARMED,
+    BACKOFF,
+    CLIPPED,
+    DIAGONAL_AGE,
+    DUE,
+    ERROR_POWER,
+    EXTENSIONS,
+    FLOOR,
+    FORGETTING,
+    GUARDED,
+    HEAD,
+    KEPT_BLOCK,
+    KEPT_ERROR,
+    KEPT_EXTENSION,
+    KEPT_LEARNED,
+    KEPT_PLACE,
+    KEPT_RESTART,
+    KEPT_TARGET,
+    KEPT_THEORY,
+    KEPT_VELOCITY,
+    LEARNED,
+    LEARNED_BEFORE,
+    PROPOSED,
+    QUIET_POWER,
+    SAMPLES_A_PARAMETER,
+    SEEN,
+    SINCE,
+    SLOT,
+    STEP,
+    TAPS,
+    THEORY_TAPS,
+    WEIGHTS,
+)
 
 LMS, NLMS, RLS = range(3)
 """Numbers of the laws in the compiled dispatch; core/adaptation.py has the classes."""
-
-# Places in Workspace.shape
-TAPS, WEIGHTS, THEORY_TAPS, EXTENSIONS = range(4)
-
-# Places in Workspace.status
-HEAD, SEEN, LEARNED, GUARDED, CLIPPED, OUTSIDE, ALARMED = range(7)
-
-# Places in Workspace.moments
-ERROR_POWER, QUIET_POWER, DIAGONAL_AGE, ALARM, BACKOFF = range(5)
-
-# Places in Workspace.law
-STEP, FLOOR, FORGETTING = range(3)
 
 CLIP = 6.0
 """Errors beyond this many running rms are shortened before nlms and rls learn from them (Huber)."""
@@ -61,46 +80,6 @@ LEAST_EXCITATION, LARGEST_EXCITATION = 1e-14, 1e14
 
 LARGEST_PARAMETER = 1e6
 """Guard: the norm of the normalised parameters stays below this."""
-
-
-@dataclass
-class Workspace:
-    """Everything that one estimator carries from sample to sample.
-
-    Attributes
-    ----------
-    shape : (4,) int64, number of FIR taps, weights, theory taps and extension columns.
-    theta : (n,) parameters [A, W, A1, C] in normalised units.
-    ring : (taps, weights), the last rows of Psi, dense (so that the loops over them vectorise); `status[HEAD]` counts
-        the rows, the newest is at `status[HEAD] % taps`.
-    ring_theory : (max(theory taps, 1),), the last values of d, newest at `status[HEAD] % size`.
-    root : (n, n), square root S of the covariance P = S S' (rls), else (0, 0).
-    diagonal : (n,), the diagonal of P (rls), else (0,).
-    prior : (n,), the metric of nlms; for rls the diagonal of P before the first sample, which no variance exceeds;
-        (0,) for lms.
-    law : (3,), constants of the law.
-    moments : (5,), running powers, the state of the alarm and of the back-off.
-    status : (7,) int64, counters.
-    """
-
-    shape: Ints
-    theta: Floats
-    ring: Floats
-    ring_theory: Floats
-    root: Floats
-    diagonal: Floats
-    prior: Floats
-    law: Floats
-    moments: Floats
-    status: Ints
-
-    def copy(self) -> "Workspace":
-        """Return an independent copy."""
-        return Workspace(**{f.name: getattr(self, f.name).copy() for f in fields(self)})
-
-    def arrays(self) -> tuple[NDArray[np.generic], ...]:
-        """Return the arrays in the order in which `run` takes them."""
-        return tuple(getattr(self, f.name) for f in fields(self))
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
@@ -263,6 +242,60 @@ def _learn_nlms(shape, theta, ring, law, status, prior, x, error, gain):  # type
 
 
 @njit(cache=True)
+def predict(index, value, theory, extension, restart, predicted, shape, theta):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Fill `predicted`, (n,), with the output of fixed parameters; arguments as in `run`."""
+    ring = np.zeros((shape[TAPS], shape[WEIGHTS]))
+    ring_theory = np.zeros(max(1, shape[THEORY_TAPS]))
+    status = np.zeros(HEAD + 1, np.int64)
+    x = np.zeros(theta.size)
+    for k in range(predicted.size):
+        _push(shape, ring, ring_theory, status, index[k], value[k], theory[k], restart[k] or k == 0)
+        predicted[k] = _regress(shape, theta, ring, ring_theory, status, extension[k], x)
+
+
+@njit(cache=True)
+def _begin_again(status, parameters):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Keep samples from the present one on only: those before tell of other friction."""
+    status[SINCE] = status[SEEN] - 1
+    status[LEARNED_BEFORE] = status[LEARNED] - 1
+    status[DUE] = SAMPLES_A_PARAMETER * parameters
+    status[PROPOSED] = 0
+
+
+@njit(cache=True)
+def _keep(kept, status, velocity, theory, extension, target, error, restart, learned):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Store the newest sample, if its block is one of those that are kept.
+
+    Every block so far is kept with the same probability (reservoir sampling, Vitter 1985, algorithm R), so no period of
+    the drive is in step with it. The random number is a hash of the block's number: nothing else need be remembered.
+    """
+    blocks = kept.shape[0] // KEPT_BLOCK
+    place = status[SEEN] - 1 - status[SINCE]
+    number, row = place // KEPT_BLOCK, place % KEPT_BLOCK
+    if row == 0:
+        if number < blocks:
+            status[SLOT] = number
+        else:
+            mixed = np.uint64(number) * np.uint64(0x9E3779B97F4A7C15)
+            mixed = (mixed ^ (mixed >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+            mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+            mixed = (mixed ^ (mixed >> np.uint64(31))) % np.uint64(number + 1)
+            status[SLOT] = np.int64(mixed) if mixed < np.uint64(blocks) else -1
+    if status[SLOT] < 0:
+        return
+    into = kept[status[SLOT] * KEPT_BLOCK + row]
+    into[KEPT_PLACE] = place
+    into[KEPT_VELOCITY] = velocity
+    into[KEPT_THEORY] = theory
+    into[KEPT_TARGET] = target
+    into[KEPT_ERROR] = error
+    into[KEPT_RESTART] = 1.0 if restart else 0.0
+    into[KEPT_LEARNED] = 1.0 if learned else 0.0
+    for i in range(extension.size):
+        into[KEPT_EXTENSION + i] = extension[i]
+
+
+@njit(cache=True)
 def _learn_rls(shape, theta, ring, law, moments, status, root, diagonal, prior, x, error, clipped, projected, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Recursive prediction error with directional forgetting, in square-root form.
 
@@ -282,6 +315,7 @@ def _learn_rls(shape, theta, ring, law, moments, status, root, diagonal, prior, 
         if moments[ALARM] == 0.0 and ratio > ALARM_RATIO:
             moments[ALARM] = 1.0
             status[ALARMED] += 1
+            _begin_again(status, n)
             root[:, :] = 0.0
             for i in range(n):
                 root[i, i] = np.sqrt(prior[i])
@@ -333,11 +367,12 @@ def _learn_rls(shape, theta, ring, law, moments, status, root, diagonal, prior, 
             diagonal[i] = _dot(root[i], root[i])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     law_number,
     index,
     value,
+    velocity,
     theory,
     extension,
     target,
@@ -354,33 +389,31 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     law,
     moments,
     status,
+    kept,
 ):
-    """Predict and learn over n samples.
+    """Predict and learn over n samples, or until something is due.
 
     Parameters
     ----------
     law_number : LMS, NLMS or RLS.
-    index, value : (n, width), rows of Psi. theory : (n,), d. extension : (n, columns). target : (n,), measured
-        friction. All in normalised units and finite.
+    index, value : (n, width), rows of Psi. velocity : (n,), m/s. theory : (n,), d. extension : (n, columns).
+        target : (n,), measured friction. All finite; forces in normalised units.
     restart, learn : (n,) bool.
     predicted : (n,), filled with the a priori prediction.
-    shape .. status : the arrays of `Workspace`, updated in place.
+    shape .. kept : the arrays of `Workspace`, updated in place.
+
+    Returns
+    -------
+    0, or, where `status[DUE]` samples have been learned from, the number of samples taken: the caller has a fit to the
+    kept samples to start or to adopt before it goes on (see `relinearisation`).
     """
     n = theta.size
     x = np.zeros(n)
     projected = np.zeros(n)
     gain = np.zeros(n)
     for k in range(target.size):
-        _push(
-            shape,
-            ring,
-            ring_theory,
-            status,
-            index[k],
-            value[k],
-            theory[k],
-            restart[k] or status[SEEN] == 0,
-        )
+        begins = restart[k] or status[SEEN] == 0
+        _push(shape, ring, ring_theory, status, index[k], value[k], theory[k], begins)
         status[SEEN] += 1
         predicted[k] = _regress(shape, theta, ring, ring_theory, status, extension[k], x)
         error = target[k] - predicted[k]
@@ -391,17 +424,22 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
         quiet = moments[QUIET_POWER]
         surprise = min(clipped * clipped, 9.0 * quiet) - quiet
         moments[QUIET_POWER] = max(quiet + surprise / (QUIET_FALL if surprise < 0.0 else QUIET_RISE), LEAST_POWER)
-        if not learn[k]:
-            continue
-        status[LEARNED] += 1
-        if law_number == LMS:
-            _learn_lms(shape, theta, law, moments, status, x, error)
-            continue
-        if clipped != error:
-            status[CLIPPED] += 1
-        if law_number == NLMS:
-            _learn_nlms(shape, theta, ring, law, status, prior, x, clipped, gain)
-        else:
-            _learn_rls(
-                shape, theta, ring, law, moments, status, root, diagonal, prior, x, error, clipped, projected, gain
-            )
+        if learn[k]:
+            status[LEARNED] += 1
+            if law_number == LMS:
+                _learn_lms(shape, theta, law, moments, status, x, error)
+                continue
+            if clipped != error:
+                status[CLIPPED] += 1
+            if law_number == NLMS:
+                _learn_nlms(shape, theta, ring, law, status, prior, x, clipped, gain)
+            else:
+                _learn_rls(
+                    shape, theta, ring, law, moments, status, root, diagonal, prior, x, error, clipped, projected, gain
+                )
+        if kept.shape[0] > 0:
+            believed = learn[k] and clipped == error
+            _keep(kept, status, velocity[k], theory[k], extension[k], target[k], error, begins, believed)
+            if learn[k] and status[LEARNED] - status[LEARNED_BEFORE] >= status[DUE]:
+                return k + 1
+    return 0

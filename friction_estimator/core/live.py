@@ -10,7 +10,7 @@ from math import isfinite
 
 import numpy as np
 
-from friction_estimator.core import kernels
+from friction_estimator.core import kernels, workspace
 from friction_estimator.core.basis import WaveletBasis, _wavelet_rows
 from friction_estimator.core.estimator import Estimator
 from friction_estimator.core.intake import Intake
@@ -124,6 +124,7 @@ class LiveStep(Events):
             estimator._law_number,
             index,
             row,
+            self._velocity,
             self._theory,
             np.zeros((1, 0)),
             self._target,
@@ -175,9 +176,10 @@ class LiveStep(Events):
         self._target[0] = friction / unit
         inside = self._low <= velocity <= self._high
         if not inside:
-            self._work.status[kernels.OUTSIDE] += 1
+            self._work.status[workspace.OUTSIDE] += 1
         self._learn[0] = learn and inside
-        kernels.run(*self._inputs, *self._arrays)
+        if kernels.run(*self._inputs, *self._arrays):
+            estimator.relinearisation.visit(self._work)
         return int(self._stamp.item()), velocity, friction, self._predicted.item() * unit
 
     def _several(self, joined: int, learn: bool) -> list[Prediction]:

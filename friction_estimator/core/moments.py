@@ -12,6 +12,7 @@ A recording is read once, into E[z z'], E[z f] and E f^2; cost, gradient and Hes
 not depend on its length. C is quadratic in t and quartic in theta.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -134,6 +135,12 @@ def solve(matrix: Floats, target: Floats) -> Floats:
     return np.asarray((answer.T * scale).T)
 
 
+def products(model: Model) -> int:
+    """Return the number of over-parameterised coefficients of a structure."""
+    taps, weights, theory_taps, extensions = (int(v) for v in model.shape)
+    return taps * (weights + (1 if theory_taps else 0)) + extensions
+
+
 def gather(model: Model, samples: Samples, use: Bools | bool = True, ridge: float = RIDGE) -> Moments:
     """Read a recording into its moments.
 
@@ -155,21 +162,36 @@ def gather(model: Model, samples: Samples, use: Bools | bool = True, ridge: floa
     ------
     UnanswerableError : no sample to fit. ConfigError : the structure has more than `LARGEST_PRODUCT` coefficients.
     """
-    taps, weights, theory_taps, extensions = (int(v) for v in model.shape)
-    stride = weights + (1 if theory_taps else 0)
-    total = taps * stride + extensions
-    if total > LARGEST_PRODUCT:
+    if products(model) > LARGEST_PRODUCT:
+        taps, weights = model.shape[:2]
         raise ConfigError(
-            f"the batch fit of {taps} taps and {weights} weights has {total} products, more than {LARGEST_PRODUCT}: "
-            "lower fir.order, or set a larger basis.velocity_unit or basis.finest_level"
+            f"the batch fit of {taps} taps and {weights} weights has {products(model)} products, more than "
+            f"{LARGEST_PRODUCT}: lower fir.order, or set a larger basis.velocity_unit or basis.finest_level"
         )
     used = np.broadcast_to(np.asarray(use, np.bool_), (len(samples),)) & model.basis.inside(samples.velocity_m_s)
-    count = int(np.count_nonzero(used))
-    if count == 0:
+    if not used.any():
         raise UnanswerableError("no sample lies inside basis.velocity_range: nothing to fit")
     if model.extension is not None:
         model.extension.restart()
-    first_of = _segment_starts(samples.restart)
+    blocks = (model.inputs(samples[begin : begin + BLOCK]) for begin in range(0, len(samples), BLOCK))
+    return accumulate(model, blocks, samples.restart, used, ridge)
+
+
+def accumulate(model: Model, blocks: Iterable[Inputs], restart: Bools, used: Bools, ridge: float) -> Moments:
+    """Return the moments of inputs that come block by block; see `gather`.
+
+    Parameters
+    ----------
+    model : structure, with units set.
+    blocks : consecutive parts of the record.
+    restart, used : (n,), of the whole record: where the delay lines start anew, and the samples to fit (at least one).
+    ridge : penalty on a coefficient of one prior deviation, see `RIDGE`.
+    """
+    taps, weights, theory_taps, extensions = (int(v) for v in model.shape)
+    stride = weights + (1 if theory_taps else 0)
+    total = products(model)
+    count = int(np.count_nonzero(used))
+    first_of = _segment_starts(restart)
     joined = used[1:] & used[:-1] & (first_of[1:] == first_of[:-1])
     starts = used & ~np.concatenate([[False], joined])
     ends = used & ~np.concatenate([joined, [False]])
@@ -180,12 +202,13 @@ def gather(model: Model, samples: Samples, use: Bools | bool = True, ridge: floa
     cross = np.zeros((taps, stride, others))
     small = np.zeros((others, others))
     dense = np.zeros((0, stride))
-    for begin in range(0, len(samples), BLOCK):
-        place = np.arange(begin, min(begin + BLOCK, len(samples)))
-        inputs = model.inputs(samples[begin : begin + BLOCK])
+    begin = 0
+    for inputs in blocks:
+        place = np.arange(begin, begin + inputs.target.size)
         past = dense[dense.shape[0] - min(taps - 1, dense.shape[0]) :]
         dense = np.concatenate([past, _dense(inputs, weights, stride)])
         oldest = begin - past.shape[0]
+        begin += inputs.target.size
         rows = [dense[np.maximum(place - i, first_of[place]) - oldest] for i in range(taps)]
         keep = used[place, None]
         now = rows[0] * keep
@@ -201,16 +224,16 @@ def gather(model: Model, samples: Samples, use: Bools | bool = True, ridge: floa
                     displaced[i, j] += rows[i + 1][at_start].T @ rows[j + 1][at_start]
                 if at_end.size:
                     displaced[i, j] -= rows[i][at_end].T @ rows[j][at_end]
-    blocks = np.empty((taps, stride, taps, stride))
+    lags = np.empty((taps, stride, taps, stride))
     for i in range(taps):
-        blocks[0, :, i] = lagged[i]
-        blocks[i, :, 0] = lagged[i].T
+        lags[0, :, i] = lagged[i]
+        lags[i, :, 0] = lagged[i].T
     for i in range(taps - 1):
         for j in range(taps - 1):
-            blocks[i + 1, :, j + 1] = blocks[i, :, j] + displaced[i, j]
+            lags[i + 1, :, j + 1] = lags[i, :, j] + displaced[i, j]
     gram = np.empty((total, total))
     end = taps * stride
-    gram[:end, :end] = blocks.reshape(end, end)
+    gram[:end, :end] = lags.reshape(end, end)
     gram[:end, end:] = cross[:, :, :-1].reshape(end, extensions)
     gram[end:, :end] = gram[:end, end:].T
     gram[end:, end:] = small[:-1, :-1]

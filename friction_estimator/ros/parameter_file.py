@@ -10,7 +10,8 @@ import textwrap
 
 import yaml
 
-from friction_estimator.core.config import PARAMETERS, Parameter
+from friction_estimator.core.config import PARAMETERS
+from friction_estimator.core.setting import Parameter
 
 _HEAD = """\
 # Every parameter of the node `friction_estimator` and of the command line (--config), with its default.

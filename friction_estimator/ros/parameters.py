@@ -18,8 +18,9 @@ from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from friction_estimator.core.config import PARAMETERS, Config, Parameter, Value, parameter
+from friction_estimator.core.config import PARAMETERS, Config, parameter
 from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.setting import Parameter, Value
 
 _ROS_OWN = ("use_sim_time", "start_type_description_service")
 _TYPES = {

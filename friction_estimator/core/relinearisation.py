@@ -1,0 +1,208 @@
+"""Fits to a random sample of the past, from which rls goes on: what linearisation along the way cannot reach.
+
+rls learns from each sample at the parameters that it had then. Where the cost has a long curved valley (the parallel
+model's two branches played against each other) it creeps along it, since what it learned at earlier points holds it
+back. So a sample of the past is kept (`kernels.run`), and after 10 samples a parameter and at every doubling of their
+number the model is fitted to it from the present parameters: for fixed FIR taps the rest is linear and is eliminated,
+and the taps are found by Newton's method (`variable_projection`). Where that lowers the cost, rls goes on from there,
+with the information of the kept samples at the new point as its covariance
+(docs/decisions/0005-relinearisation.md).
+
+The fit runs in a thread beside the estimator. It is adopted a fixed number of samples after its start, whenever it was
+ready, so results do not depend on the machine's load.
+"""
+
+import threading
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, solve_triangular
+
+from friction_estimator.core import kernels
+from friction_estimator.core.config import Config
+from friction_estimator.core.model import Inputs, Model
+from friction_estimator.core.moments import accumulate, products
+from friction_estimator.core.sample import Bools, Floats
+from friction_estimator.core.variable_projection import refine
+from friction_estimator.core.workspace import (
+    DUE,
+    KEPT_BLOCK,
+    KEPT_BLOCKS,
+    KEPT_ERROR,
+    KEPT_EXTENSION,
+    KEPT_LEARNED,
+    KEPT_PLACE,
+    KEPT_RESTART,
+    KEPT_TARGET,
+    KEPT_THEORY,
+    KEPT_VELOCITY,
+    LEARNED,
+    LEARNED_BEFORE,
+    PROPOSED,
+    SAMPLES_A_PARAMETER,
+    SEEN,
+    SINCE,
+    SLOT,
+    STARTED,
+    TAPS,
+    Workspace,
+)
+
+MOST_PRODUCTS = 1500
+"""Structures with more over-parameterised coefficients are not fitted again: it would take seconds."""
+
+LEAST_GAIN = 0.02
+"""Share of the error power on unseen samples that a fit must save to be adopted: rls is left alone if it does well."""
+
+NEWTON: Any = {"gtol": 1e-7, "maxiter": 30, "initial_trust_radius": 0.1, "max_trust_radius": 1.0}
+"""Of the fit: a better point is wanted, not the best."""
+
+PRIOR_SHARE = 0.1
+"""Share of rls' prior information that the fit uses: the prior is that of a cold start, and would hold the fit back."""
+
+VARIANCE_SHARE = 0.1
+"""Share of the fit's variance with which rls goes on. With the whole of it rls, which takes the model's error for white
+noise, moves off again and needs five cycles to come back (condition b: 1.15 of the batch fit's error on the way)."""
+
+
+class Relinearisation:
+    """Starts the fits and hands over what they propose.
+
+    Parameters
+    ----------
+    model : structure.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self._model = model
+        self._thread: threading.Thread | None = None
+        self._answer: list[Floats] = []
+
+    @staticmethod
+    def arrays(model: Model, config: Config) -> tuple[Floats, Floats, int]:
+        """Return `Workspace.kept` and `.proposal`, empty where nothing is to be fitted, and the first `status[DUE]`."""
+        if not config.rls.relinearise or config.model.law != "rls" or products(model) > MOST_PRODUCTS:
+            return np.zeros((0, 0)), np.zeros((0, 0)), 0
+        kept = np.zeros((KEPT_BLOCKS * KEPT_BLOCK, KEPT_EXTENSION + int(model.shape[-1])))
+        return kept, np.zeros((1 + model.size, model.size)), SAMPLES_A_PARAMETER * model.size
+
+    def visit(self, work: Workspace) -> None:
+        """Do what is due: start a fit, or adopt the one that was started."""
+        status = work.status
+        if status[PROPOSED]:
+            self.settle(work)
+            if work.proposal.any() and predicts_better(self._model, work):
+                work.theta[:] = work.proposal[0]
+                work.root[:] = work.proposal[1:]
+                work.diagonal[:] = np.sum(np.square(work.root), axis=1)
+            status[DUE] = 2 * status[PROPOSED]
+            status[PROPOSED] = 0
+            return
+        status[PROPOSED] = status[LEARNED] - status[LEARNED_BEFORE]
+        status[STARTED] = status[SEEN] - status[SINCE]
+        status[DUE] = status[PROPOSED] + max(1, status[PROPOSED] // 4)
+        work.proposal[:] = 0.0
+        answer: list[Floats] = []
+        state = work.copy()
+        self._answer = answer
+        self._thread = threading.Thread(
+            target=lambda: answer.append(propose(self._model, state)), name="relinearise", daemon=True
+        )
+        self._thread.start()
+
+    def settle(self, work: Workspace) -> None:
+        """Wait for the fit that is under way, if any, and write what it proposes into `work.proposal`."""
+        if self._thread is None:
+            return
+        self._thread.join()
+        if work.status[PROPOSED] and self._answer:
+            work.proposal[:] = self._answer[0]
+        self._thread = None
+
+
+def propose(model: Model, work: Workspace) -> Floats:
+    """Return theta and the square root of its covariance from a fit to the kept samples, (1 + n, n).
+
+    Zeros where there are too few samples, or the fit is not finite.
+    """
+    nothing = np.zeros_like(work.proposal)
+    kept = Kept.of(model, work)
+    count = int(np.count_nonzero(kept.used))
+    taps = work.theta[: work.shape[TAPS]]
+    length = float(np.linalg.norm(taps))
+    if count < model.size or not length > 0.0:
+        return nothing
+    ridge = PRIOR_SHARE / (model.config.rls.initial_variance * count)
+    moments = accumulate(model, [kept.inputs], kept.inputs.restart, kept.used, ridge)
+    theta = refine(moments, taps / length, NEWTON)
+    known = count * moments.gauss_newton(theta, ridge=False) + np.diag(1.0 / work.prior)
+    try:
+        factor, _ = cho_factor(known, lower=True)
+    except LinAlgError:
+        return nothing
+    # known = L L', so P = S S' with S = sqrt(share) L'^-1.
+    root = np.sqrt(VARIANCE_SHARE) * solve_triangular(factor, np.eye(model.size), lower=True).T
+    proposal = np.concatenate([theta[None], root])
+    return proposal if np.all(np.isfinite(proposal)) else nothing
+
+
+def predicts_better(model: Model, work: Workspace) -> bool:
+    """Tell whether the proposal predicts what it has not seen better than rls, which went on learning, did."""
+    kept = Kept.of(model, work)
+    fresh = kept.used & (kept.place >= work.status[STARTED])
+    if not fresh.any():
+        return False
+    predicted, inputs = np.empty(fresh.size), kept.inputs
+    arrays = (inputs.index, inputs.value, inputs.theory, inputs.extension, inputs.restart)
+    kernels.predict(*arrays, predicted, work.shape, work.proposal[0])
+    proposed = float(np.mean(np.square((inputs.target - predicted)[fresh])))
+    return proposed < (1.0 - LEAST_GAIN) * float(np.mean(np.square(kept.error[fresh])))
+
+
+@dataclass(frozen=True)
+class Kept:
+    """The kept samples, block after block; a block starts the delay lines anew.
+
+    Attributes
+    ----------
+    inputs : as the compiled loop takes them.
+    used : (n,), those to fit: learned from, and no first samples of a block, which only fill the delay lines.
+    place : (n,), number of the sample since the start or the last alarm.
+    error : (n,), what rls' prediction was off when the sample came, normalised.
+    """
+
+    inputs: Inputs
+    used: Bools
+    place: Floats
+    error: Floats
+
+    @classmethod
+    def of(cls, model: Model, work: Workspace) -> "Kept":
+        """Read the kept samples of a work space."""
+        status, taps = work.status, int(work.shape[TAPS])
+        seen = int(status[SEEN] - status[SINCE])
+        blocks = min(KEPT_BLOCKS, -(-seen // KEPT_BLOCK))
+        row = np.arange(blocks * KEPT_BLOCK) % KEPT_BLOCK
+        valid = np.ones(row.size, np.bool_)
+        unfinished = seen % KEPT_BLOCK
+        if unfinished and status[SLOT] >= 0:  # the rest of this block is still that of the one before it
+            first = int(status[SLOT]) * KEPT_BLOCK
+            valid[first + unfinished : first + KEPT_BLOCK] = False
+        kept, row = work.kept[: valid.size][valid], row[valid]
+        begins = kept[:, KEPT_RESTART] > 0.0
+        index = np.arange(row.size)
+        filled = np.maximum.accumulate(np.where(begins, index, -1)) >= index - row
+        velocity = np.ascontiguousarray(kept[:, KEPT_VELOCITY])
+        places, values = model.basis.rows(velocity)
+        inputs = Inputs(
+            index=places,
+            value=values,
+            theory=kept[:, KEPT_THEORY],
+            extension=kept[:, KEPT_EXTENSION:],
+            target=kept[:, KEPT_TARGET],
+            restart=begins | (row == 0),
+            inside=np.ones(row.size, np.bool_),
+        )
+        used = (kept[:, KEPT_LEARNED] > 0.0) & (filled | (row >= taps - 1))
+        return cls(inputs, used, kept[:, KEPT_PLACE], kept[:, KEPT_ERROR])
