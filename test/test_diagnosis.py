@@ -232,12 +232,13 @@ def test_measured_ball_screw_shows_its_pitch_and_its_asymmetry() -> None:
     assert len(found) == 2
 
 
-def test_measured_seal_shows_pressure_and_what_it_cannot_show() -> None:
+def measured_seal(seal: str) -> list[Samples]:
+    """All pressures of one seal, a recording each."""
     folder = DATA / "seal_zillen_pneumatic"
     if not folder.exists():
         pytest.skip(f"measured data are not here: {folder}")
     table = np.genfromtxt(folder / "data.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
-    table = table[(table["seal"] == "X-ring257") & np.isfinite(table["v_m_s"]) & np.isfinite(table["friction_N"])]
+    table = table[(table["seal"] == seal) & np.isfinite(table["v_m_s"]) & np.isfinite(table["friction_N"])]
     recordings = []
     for level in np.unique(table["nominal_bar"]):
         part = table[table["nominal_bar"] == level]
@@ -252,11 +253,20 @@ def test_measured_seal_shows_pressure_and_what_it_cannot_show() -> None:
                 position_m=np.asarray(part["x_m"], np.float64),
             )
         )
-    settings = Config.from_mapping({"model.type": "hammerstein", "theory.kind": "none"})
-    result = diagnose(recordings, settings)
-    pressure = {e.name: e for e in result.effects}["pressure_dependence"]
-    assert {"sensor_drift", "gain_step"} <= set(pressure.rivals)
+    return recordings
+
+
+@pytest.mark.parametrize("seal", ["O-ring257", "X-ring257"])
+@pytest.mark.parametrize("given", [{"model.type": "hammerstein", "theory.kind": "none"}, {}], ids=["alone", "theory"])
+def test_measured_seal_shows_pressure_and_what_it_cannot_show(seal: str, given: dict[str, object]) -> None:
+    result = diagnose(measured_seal(seal), Config.from_mapping(given))
+    named = {e.name: e for e in result.effects}
+    pressure = named["pressure_dependence"]
+    assert {"gain_step", "wear", "viscosity_drift", "sensor_drift", "bias_step"} <= set(pressure.rivals)
+    assert pressure.gain.low_percent > 0.0
     assert pressure.experiment
+    assert not set(named) & set(pressure.rivals)
+    assert {"direction_asymmetry", "sensor_bias"} & set(named)  # its author saw it too
     words = " ".join(result.excitation.warnings)
     assert "do not identify the curve F(v)" in words
     assert "randomise the order" in words

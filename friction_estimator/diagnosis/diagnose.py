@@ -199,10 +199,10 @@ def _named(
     spread = float(np.std(record.friction_N[record.used]))
     out = []
     for i, cause in enumerate(found.causes):
-        also = list(cause.rivals)
-        for name in (cause.name, *cause.rivals):
-            also += [n for n in structural_rivals(name, record, context) if n != cause.name]
         named = {c.name for c in found.causes}
+        also = list(cause.rivals)
+        for name in (cause.name, *(rival for rival in cause.rivals if rival not in named)):
+            also += [n for n in structural_rivals(name, record, context) if n != cause.name]
         rivals = tuple(name for name in dict.fromkeys(also) if name not in named)
         out.append(
             Found(

@@ -83,6 +83,7 @@ class Record:
             pressure_mean_Pa=float(f.pressure_Pa.mean()),
             pressure_span_Pa=float(np.ptp(f.pressure_Pa)),
             sign_velocity_m_s=sign_velocity(config, float(np.abs(f.velocity_m_s).max())),
+            pressure_levels=int(np.count_nonzero(np.histogram(f.pressure_Pa, 10)[0] > 0.02 * f.size)),
             periods_s=self.periods_s,
             channels=tuple(channels),
         )

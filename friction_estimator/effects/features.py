@@ -24,6 +24,7 @@ class Context:
     force_top_N : largest force of the fitted base model, N.
     pressure_mean_Pa, pressure_span_Pa : mean and range of gauge pressure, Pa.
     sign_velocity_m_s : v_s of the smooth sign.
+    pressure_levels : number of tenths of that range in which at least 2 % of the samples lie.
     periods_s : periods of the drive found, s.
     channels : recorded channels beyond velocity and friction.
     """
@@ -39,6 +40,7 @@ class Context:
     pressure_mean_Pa: float
     pressure_span_Pa: float
     sign_velocity_m_s: float
+    pressure_levels: int = 1
     periods_s: tuple[float, ...] = ()
     channels: tuple[str, ...] = ()
 

@@ -145,7 +145,7 @@ class PositionDependence(Effect):
 
 @effect
 class PressureDependence(Effect):
-    """(p - pm) (alpha v + beta S)."""
+    """(p - pm) (alpha v + beta S) + kappa (p - pm)^2 S."""
 
     name = "pressure_dependence"
     family = "pressure"
@@ -154,6 +154,7 @@ class PressureDependence(Effect):
     keys = (
         Key("boundary", "N/Pa", 1e-6, -1e3, 1e3, "change of the Coulomb level per pressure"),
         Key("viscous", "N s/m/Pa", 0.0, -1e6, 1e6, "change of the viscous slope per pressure"),
+        Key("curvature", "N/Pa^2", 0.0, -1e3, 1e3, "change of the Coulomb level per squared distance from the mean"),
         form_key("with the square root of the pressure, of the same range"),
     )
     size_key = "boundary"
@@ -177,36 +178,43 @@ class PressureDependence(Effect):
             root = np.sqrt(np.maximum(pressure, 0.0))
             pressure = root * (np.ptp(pressure) / max(float(np.ptp(root)), 1e-300))
         lift = pressure - pressure.mean()
-        shape = self["boundary"] * np.tanh(trace.velocity_m_s / 2e-3) + self["viscous"] * trace.velocity_m_s
-        return trace.with_friction(trace.friction_N + lift * shape)
+        level = (self["boundary"] + self["curvature"] * lift) * np.tanh(trace.velocity_m_s / 2e-3)
+        return trace.with_friction(trace.friction_N + lift * (level + self["viscous"] * trace.velocity_m_s))
 
     @classmethod
     def grid(cls, context: Context) -> list[dict[str, float]]:
-        """About the mean pressure."""
+        """About the mean pressure; curved where more than two pressures were run."""
         if context.pressure_span_Pa <= 0.02 * max(abs(context.pressure_mean_Pa), 1.0):
             return []
-        return [
-            {"mean": context.pressure_mean_Pa, "viscous": 0.0},
-            {"mean": context.pressure_mean_Pa, "viscous": 1.0},
-        ]
+        parts = [(0.0, 0.0), (1.0, 0.0)]
+        if context.pressure_levels > 2:
+            parts += [(0.0, 1.0), (1.0, 1.0)]
+        return [{"mean": context.pressure_mean_Pa, "viscous": v, "curvature": c} for v, c in parts]
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
-        """Return (p - pm) S, and (p - pm) v."""
+        """Return (p - pm) S, and of (p - pm) v and (p - pm)^2 S those that the parameters ask for."""
+        viscous, curved = params["viscous"] >= 0.5, params.get("curvature", 0.0) >= 0.5
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
             lift = f.pressure_Pa - params["mean"]
-            level = lift * r.smooth_sign(f.velocity_m_s)
-            return np.column_stack([level, lift * f.velocity_m_s]) if params["viscous"] >= 0.5 else level
+            columns = [lift * r.smooth_sign(f.velocity_m_s)]
+            if viscous:
+                columns.append(lift * f.velocity_m_s)
+            if curved:
+                columns.append(lift * columns[0])
+            return np.column_stack(columns)
 
-        return Columns(compute, 2 if params["viscous"] >= 0.5 else 1)
+        return Columns(compute, 1 + viscous + curved)
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
         """Change of level, and of slope, per pressure."""
-        fitted = {"boundary": (float(weights[0]), "N/Pa")}
-        if len(weights) > 1:
-            fitted["viscous"] = (float(weights[1]), "N s/m/Pa")
-        return fitted
+        names = [("boundary", "N/Pa")]
+        if params["viscous"] >= 0.5:
+            names.append(("viscous", "N s/m/Pa"))
+        if params.get("curvature", 0.0) >= 0.5:
+            names.append(("curvature", "N/Pa^2"))
+        return {name: (float(weight), unit) for (name, unit), weight in zip(names, weights, strict=True)}
 
     signs = (0, 0)
