@@ -110,7 +110,7 @@ class RlsConfig:
     )
     relinearise: bool = setting(
         True,
-        "Fit again, at doubling numbers of samples, to a sample of all that was learned from, in the background "
+        "Fit again, at growing numbers of samples, to a random sample of all that was learned from, in a thread "
         "(up to 1500 products of taps and weights).",
     )
 

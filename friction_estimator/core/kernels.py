@@ -438,8 +438,7 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
                     shape, theta, ring, law, moments, status, root, diagonal, prior, x, error, clipped, projected, gain
                 )
         if kept.shape[0] > 0:
-            believed = learn[k] and clipped == error
-            _keep(kept, status, velocity[k], theory[k], extension[k], target[k], error, begins, believed)
+            _keep(kept, status, velocity[k], theory[k], extension[k], target[k], error, begins, learn[k])
             if learn[k] and status[LEARNED] - status[LEARNED_BEFORE] >= status[DUE]:
                 return k + 1
     return 0

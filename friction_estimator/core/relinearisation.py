@@ -2,11 +2,10 @@
 
 rls learns from each sample at the parameters that it had then. Where the cost has a long curved valley (the parallel
 model's two branches played against each other) it creeps along it, since what it learned at earlier points holds it
-back. So a sample of the past is kept (`kernels.run`), and after 10 samples a parameter and at every doubling of their
-number the model is fitted to it from the present parameters: for fixed FIR taps the rest is linear and is eliminated,
-and the taps are found by Newton's method (`variable_projection`). Where that lowers the cost, rls goes on from there,
-with the information of the kept samples at the new point as its covariance
-(docs/decisions/0005-relinearisation.md).
+back. So a sample of the past is kept (`kernels.run`), and after 5 samples a parameter and whenever there are half more
+the model is fitted to it from the present parameters: for fixed FIR taps the rest is linear and is eliminated, and the
+taps are found by Newton's method (`variable_projection`). Where the fit then predicts better than rls did, rls goes on
+from there, with the information of the kept samples at the new point (docs/decisions/0005-relinearisation.md).
 
 The fit runs in a thread beside the estimator. It is adopted a fixed number of samples after its start, whenever it was
 ready, so results do not depend on the machine's load.
@@ -58,8 +57,11 @@ LEAST_GAIN = 0.02
 NEWTON: Any = {"gtol": 1e-7, "maxiter": 30, "initial_trust_radius": 0.1, "max_trust_radius": 1.0}
 """Of the fit: a better point is wanted, not the best."""
 
-PRIOR_SHARE = 0.1
+PRIOR_SHARE = 0.01
 """Share of rls' prior information that the fit uses: the prior is that of a cold start, and would hold the fit back."""
+
+LARGEST_TARGET = 100.0
+"""Friction beyond this many force units is no friction, however long it lasts."""
 
 VARIANCE_SHARE = 0.1
 """Share of the fit's variance with which rls goes on. With the whole of it rls, which takes the model's error for white
@@ -96,12 +98,12 @@ class Relinearisation:
                 work.theta[:] = work.proposal[0]
                 work.root[:] = work.proposal[1:]
                 work.diagonal[:] = np.sum(np.square(work.root), axis=1)
-            status[DUE] = 2 * status[PROPOSED]
+            status[DUE] = 3 * status[PROPOSED] // 2
             status[PROPOSED] = 0
             return
         status[PROPOSED] = status[LEARNED] - status[LEARNED_BEFORE]
         status[STARTED] = status[SEEN] - status[SINCE]
-        status[DUE] = status[PROPOSED] + max(1, status[PROPOSED] // 4)
+        status[DUE] = status[PROPOSED] + max(1, status[PROPOSED] // 8)
         work.proposal[:] = 0.0
         answer: list[Floats] = []
         state = work.copy()
@@ -128,14 +130,17 @@ def propose(model: Model, work: Workspace) -> Floats:
     """
     nothing = np.zeros_like(work.proposal)
     kept = Kept.of(model, work)
-    count = int(np.count_nonzero(kept.used))
+    used = kept.used & kept.believed(kept.inputs.target - kept.predicted(work, work.theta))
+    count = int(np.count_nonzero(used))
     taps = work.theta[: work.shape[TAPS]]
     length = float(np.linalg.norm(taps))
     if count < model.size or not length > 0.0:
         return nothing
     ridge = PRIOR_SHARE / (model.config.rls.initial_variance * count)
-    moments = accumulate(model, [kept.inputs], kept.inputs.restart, kept.used, ridge)
+    moments = accumulate(model, [kept.inputs], kept.inputs.restart, used, ridge)
     theta = refine(moments, taps / length, NEWTON)
+    if not moments.cost(theta) < (1.0 - LEAST_GAIN) * moments.cost(work.theta):
+        return nothing
     known = count * moments.gauss_newton(theta, ridge=False) + np.diag(1.0 / work.prior)
     try:
         factor, _ = cho_factor(known, lower=True)
@@ -150,14 +155,12 @@ def propose(model: Model, work: Workspace) -> Floats:
 def predicts_better(model: Model, work: Workspace) -> bool:
     """Tell whether the proposal predicts what it has not seen better than rls, which went on learning, did."""
     kept = Kept.of(model, work)
-    fresh = kept.used & (kept.place >= work.status[STARTED])
+    fresh = kept.used & (kept.place >= work.status[STARTED]) & kept.believed(kept.error)
     if not fresh.any():
         return False
-    predicted, inputs = np.empty(fresh.size), kept.inputs
-    arrays = (inputs.index, inputs.value, inputs.theory, inputs.extension, inputs.restart)
-    kernels.predict(*arrays, predicted, work.shape, work.proposal[0])
-    proposed = float(np.mean(np.square((inputs.target - predicted)[fresh])))
-    return proposed < (1.0 - LEAST_GAIN) * float(np.mean(np.square(kept.error[fresh])))
+    error = kept.inputs.target - kept.predicted(work, work.proposal[0])
+    proposed, present = (float(np.mean(np.square(e[fresh]))) for e in (error, kept.error))
+    return proposed < (1.0 - LEAST_GAIN) * present
 
 
 @dataclass(frozen=True)
@@ -206,3 +209,20 @@ class Kept:
         )
         used = (kept[:, KEPT_LEARNED] > 0.0) & (filled | (row >= taps - 1))
         return cls(inputs, used, kept[:, KEPT_PLACE], kept[:, KEPT_ERROR])
+
+    def predicted(self, work: Workspace, theta: Floats) -> Floats:
+        """Return what fixed parameters predict, (n,), normalised."""
+        inputs, out = self.inputs, np.empty(self.place.size)
+        arrays = (inputs.index, inputs.value, inputs.theory, inputs.extension, inputs.restart)
+        kernels.predict(*arrays, out, work.shape, theta)
+        return out
+
+    def believed(self, error: Floats) -> Bools:
+        """Return which samples are no spikes, (n,): errors beyond `CLIP` deviations, alone among their neighbours.
+
+        Neighbours that err together are the model's fault, not the sensor's: what the model has yet to learn.
+        """
+        far = np.abs(error) > kernels.CLIP * 1.4826 * float(np.median(np.abs(error[self.used])))
+        follows = far[1:] & far[:-1] & (np.diff(self.place) == 1.0)
+        alone = far & ~np.append(False, follows) & ~np.append(follows, False)
+        return np.asarray(~alone & (np.abs(self.inputs.target) < LARGEST_TARGET), np.bool_)
