@@ -112,6 +112,44 @@ def test_one_pure_sine_cannot_tell_mass_from_spring() -> None:
     assert any("one drive period" in text for text in result.excitation.warnings)
 
 
+@pytest.mark.parametrize(
+    ("hidden", "rival"),
+    [
+        ("side_spring", "inertia"),
+        ("viscoelastic_relaxation", "side_spring"),
+        ("squeeze_film", "sensor_lowpass"),
+        ("direction_asymmetry", "sensor_bias"),
+        ("presliding", "sensor_lowpass"),
+        ("presliding", "squeeze_film"),
+        ("sensor_drift", "bias_step"),
+        ("wear", "viscosity_drift"),
+    ],
+)
+def test_one_pure_sine_leaves_these_pairs_open(hidden: str, rival: str) -> None:
+    """What one sine cannot separate in principle is named as a set, with the experiment that would separate it."""
+    result = diagnose([record([f"{hidden}:size=0.04"], segments=(segment(2.0, 50.0, 60.0),))], Config())
+    first = result.effects[0]
+    assert {hidden, rival} <= {first.name, *first.rivals}
+    assert first.experiment
+
+
+def test_a_filter_under_one_sine_is_absorbed_and_the_report_says_that_it_may_be() -> None:
+    result = diagnose([record(["sensor_lowpass:size=0.04"], segments=(segment(2.0, 50.0, 60.0),))], Config())
+    assert result.verdict == "nothing_found"
+    assert any("one drive period" in text for text in result.excitation.warnings)
+
+
+def test_a_pressure_that_changes_once_leaves_a_step_open() -> None:
+    once = (segment(1.0, 50.0, 20.0), segment(5.0, 50.0, 30.0), segment(1.0, 200.0, 20.0), segment(5.0, 200.0, 30.0))
+    result = diagnose([record(["pressure_dependence:size=0.04"], segments=once)], Config())
+    first = result.effects[0]
+    assert first.name == "pressure_dependence"
+    assert "gain_step" in first.rivals
+    assert "order" in str(first.experiment)
+    drifting = diagnose([record(["sensor_drift:size=0.04"], segments=once)], Config()).effects[0]
+    assert {"sensor_drift", "pressure_dependence"} <= {drifting.name, *drifting.rivals}
+
+
 def test_a_cause_outside_the_catalogue_is_flagged(monkeypatch: pytest.MonkeyPatch) -> None:
     samples = record(["squeeze_film:size=0.04,speed=0.01"])
     entries = {n: c for n, c in EFFECTS._entries.items() if n not in ("squeeze_film",)}

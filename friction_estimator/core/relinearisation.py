@@ -108,8 +108,9 @@ class Relinearisation:
         answer: list[Floats] = []
         state = work.copy()
         self._answer = answer
+        # No daemon: at the interpreter's end a fit is waited for, not torn off within a library.
         self._thread = threading.Thread(
-            target=lambda: answer.append(propose(self._model, state)), name="relinearise", daemon=True
+            target=lambda: answer.append(propose(self._model, state)), name="relinearise", daemon=False
         )
         self._thread.start()
 

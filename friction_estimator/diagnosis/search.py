@@ -45,6 +45,9 @@ CANDIDATES = 6
 CONTENDER = 0.25
 """Share of the best screened gain below which an effect is not refitted."""
 
+MEASURED_SHARE = 0.25
+"""Of the best gain: what a recorded variable must explain to be preferred to an unrecorded one."""
+
 SECOND_SHARE = 0.02
 ALIKE_SHARE = 0.10
 """A further cause must bring this share of the first one's gain; the larger where both act near reversals, since what
@@ -192,12 +195,12 @@ def search(
     causes: list[Cause] = []
     asked: list[str] = []
     thresholds = (0.0, 0.0)
-    # A recorded pressure comes before unrecorded causes that its order cannot be told from (decision 0021).
-    withheld = set(ONE_ORDER) if pressure_order(record) else set()
     while True:
         model = models[-1]
         evidence = model.evidence(record, seed)
-        out = {t.name for t in model.terms} | set(asked) | set(known) | withheld
+        out = {t.name for t in model.terms} | set(asked) | set(known)
+        if "pressure_dependence" in out and pressure_order(record):
+            out |= set(ONE_ORDER)
         families = {t.effect.family for t in model.terms}
         out |= {n for n, cls in EFFECTS.items() if cls.family in families}
         progress(f"screening for cause {len(causes) + 1}", 0.15 + 0.2 * len(causes))
@@ -223,9 +226,6 @@ def search(
             losses = [cross_validated_loss(models[0], record, seed)]
             continue
         if found is None or not _enough(found[0], found[4], causes, max(thresholds[found[0] in WIDE], least)):
-            if withheld and all(c.name != "pressure_dependence" for c in causes):
-                withheld = set()
-                continue
             break
         winner, joint, loss, rivals, gain = found
         if EFFECTS[winner].channel and EFFECTS[winner].channel not in context.channels:
@@ -288,6 +288,11 @@ def compare(
         gains[name] = float((loss - fits[name][1]).sum())
     winner = max(gains, key=lambda n: gains[n])
     winner = _plainer(winner, gains, fits, sample_power(loss, record))
+    # A recorded pressure that changed is preferred to an unrecorded cause that would have had to change with it, where
+    # the order of pressures cannot separate the two (decision 0021).
+    measured = gains.get("pressure_dependence", 0.0) > MEASURED_SHARE * gains[winner]
+    if winner in ONE_ORDER and measured and pressure_order(record):
+        winner = "pressure_dependence"
     joint, lowest = fits[winner]
     for params in EFFECTS[winner].variants(joint.terms[-1].params):
         terms = [*model.terms, Term(EFFECTS[winner], params)]
