@@ -2,7 +2,7 @@
 
 rls learns from each sample at the parameters that it had then. Where the cost has a long curved valley (the parallel
 model's two branches played against each other) it creeps along it, since what it learned at earlier points holds it
-back. So a sample of the past is kept (`kernels.run`), and after 5 samples a parameter and whenever there are half more
+back. So a sample of the past is kept (`kernels.run`), and after 10 samples a parameter and at every doubling
 the model is fitted to it from the present parameters: for fixed FIR taps the rest is linear and is eliminated, and the
 taps are found by Newton's method (`variable_projection`). Where the fit then predicts better than rls did, rls goes on
 from there, with the information of the kept samples at the new point (docs/decisions/0005-relinearisation.md).
@@ -54,6 +54,9 @@ MOST_PRODUCTS = 1500
 LEAST_GAIN = 0.02
 """Share of the error power on unseen samples that a fit must save to be adopted: rls is left alone if it does well."""
 
+FEWEST_REVERSALS = 2
+"""Of the shaft before anything is fitted: a fit to part of the first cycle says nothing of the rest."""
+
 NEWTON: Any = {"gtol": 1e-7, "maxiter": 30, "initial_trust_radius": 0.1, "max_trust_radius": 1.0}
 """Of the fit: a better point is wanted, not the best."""
 
@@ -98,7 +101,7 @@ class Relinearisation:
                 work.theta[:] = work.proposal[0]
                 work.root[:] = work.proposal[1:]
                 work.diagonal[:] = np.sum(np.square(work.root), axis=1)
-            status[DUE] = 3 * status[PROPOSED] // 2
+            status[DUE] = 2 * status[PROPOSED]
             status[PROPOSED] = 0
             return
         status[PROPOSED] = status[LEARNED] - status[LEARNED_BEFORE]
@@ -127,7 +130,7 @@ class Relinearisation:
 def propose(model: Model, work: Workspace) -> Floats:
     """Return theta and the square root of its covariance from a fit to the kept samples, (1 + n, n).
 
-    Zeros where there are too few samples, or the fit is not finite.
+    Zeros where there are too few samples or reversals, and where the fit is no better than what is, or out of range.
     """
     nothing = np.zeros_like(work.proposal)
     kept = Kept.of(model, work)
@@ -135,7 +138,7 @@ def propose(model: Model, work: Workspace) -> Floats:
     count = int(np.count_nonzero(used))
     taps = work.theta[: work.shape[TAPS]]
     length = float(np.linalg.norm(taps))
-    if count < model.size or not length > 0.0:
+    if count < model.size or not length > 0.0 or kept.reversals < FEWEST_REVERSALS:
         return nothing
     ridge = PRIOR_SHARE / (model.config.rls.initial_variance * count)
     moments = accumulate(model, [kept.inputs], kept.inputs.restart, used, ridge)
@@ -150,7 +153,7 @@ def propose(model: Model, work: Workspace) -> Floats:
     # known = L L', so P = S S' with S = sqrt(share) L'^-1.
     root = np.sqrt(VARIANCE_SHARE) * solve_triangular(factor, np.eye(model.size), lower=True).T
     proposal = np.concatenate([theta[None], root])
-    return proposal if np.all(np.isfinite(proposal)) else nothing
+    return proposal if np.all(np.abs(proposal) < kernels.LARGEST_PARAMETER) else nothing  # NaN is refused as well
 
 
 def predicts_better(model: Model, work: Workspace) -> bool:
@@ -174,12 +177,14 @@ class Kept:
     used : (n,), those to fit: learned from, and no first samples of a block, which only fill the delay lines.
     place : (n,), number of the sample since the start or the last alarm.
     error : (n,), what rls' prediction was off when the sample came, normalised.
+    velocity_m_s : (n,).
     """
 
     inputs: Inputs
     used: Bools
     place: Floats
     error: Floats
+    velocity_m_s: Floats
 
     @classmethod
     def of(cls, model: Model, work: Workspace) -> "Kept":
@@ -209,7 +214,14 @@ class Kept:
             inside=np.ones(row.size, np.bool_),
         )
         used = (kept[:, KEPT_LEARNED] > 0.0) & (filled | (row >= taps - 1))
-        return cls(inputs, used, kept[:, KEPT_PLACE], kept[:, KEPT_ERROR])
+        return cls(inputs, used, kept[:, KEPT_PLACE], kept[:, KEPT_ERROR], velocity)
+
+    @property
+    def reversals(self) -> int:
+        """How often the shaft changed its direction in what was kept; hovering about standstill does not count."""
+        velocity = self.velocity_m_s[np.argsort(self.place, kind="stable")]
+        fast = velocity[np.abs(velocity) > 0.1 * np.abs(velocity).max(initial=0.0)]
+        return int(np.count_nonzero(np.diff(np.sign(fast))))
 
     def predicted(self, work: Workspace, theta: Floats) -> Floats:
         """Return what fixed parameters predict, (n,), normalised."""

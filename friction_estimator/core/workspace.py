@@ -37,7 +37,7 @@ KEPT_BLOCK = 128
 KEPT_BLOCKS = 64
 """Blocks that are kept."""
 
-SAMPLES_A_PARAMETER = 5
+SAMPLES_A_PARAMETER = 10
 """Learned samples a parameter before the first fit to the kept samples."""
 
 
