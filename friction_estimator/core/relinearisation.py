@@ -158,8 +158,9 @@ def propose(model: Model, work: Workspace) -> Floats:
 
 def predicts_better(model: Model, work: Workspace) -> bool:
     """Tell whether the proposal predicts what it has not seen better than rls, which went on learning, did."""
-    kept = Kept.of(model, work)
-    fresh = kept.used & (kept.place >= work.status[STARTED]) & kept.believed(kept.error)
+    started = int(work.status[STARTED])
+    kept = Kept.of(model, work, started)
+    fresh = kept.used & (kept.place >= started) & kept.believed(kept.error)
     if not fresh.any():
         return False
     error = kept.inputs.target - kept.predicted(work, work.proposal[0])
@@ -187,8 +188,8 @@ class Kept:
     velocity_m_s: Floats
 
     @classmethod
-    def of(cls, model: Model, work: Workspace) -> "Kept":
-        """Read the kept samples of a work space."""
+    def of(cls, model: Model, work: Workspace, since: int = 0) -> "Kept":
+        """Read the kept samples of a work space, or only the blocks that end at place `since` or later."""
         status, taps = work.status, int(work.shape[TAPS])
         seen = int(status[SEEN] - status[SINCE])
         blocks = min(KEPT_BLOCKS, -(-seen // KEPT_BLOCK))
@@ -198,6 +199,8 @@ class Kept:
         if unfinished and status[SLOT] >= 0:  # the rest of this block is still that of the one before it
             first = int(status[SLOT]) * KEPT_BLOCK
             valid[first + unfinished : first + KEPT_BLOCK] = False
+        newest = work.kept[: valid.size, KEPT_PLACE].reshape(blocks, KEPT_BLOCK).max(axis=1)
+        valid &= np.repeat(newest >= since, KEPT_BLOCK)
         kept, row = work.kept[: valid.size][valid], row[valid]
         begins = kept[:, KEPT_RESTART] > 0.0
         index = np.arange(row.size)
@@ -235,7 +238,8 @@ class Kept:
 
         Neighbours that err together are the model's fault, not the sensor's: what the model has yet to learn.
         """
-        far = np.abs(error) > kernels.CLIP * 1.4826 * float(np.median(np.abs(error[self.used])))
+        usual = float(np.median(np.abs(error[self.used]))) if self.used.any() else 0.0
+        far = np.abs(error) > kernels.CLIP * 1.4826 * usual
         follows = far[1:] & far[:-1] & (np.diff(self.place) == 1.0)
         alone = far & ~np.append(False, follows) & ~np.append(follows, False)
         return np.asarray(~alone & (np.abs(self.inputs.target) < LARGEST_TARGET), np.bool_)
