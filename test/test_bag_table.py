@@ -300,6 +300,20 @@ def test_the_positioning_axis_is_imported_whole(tmp_path):
 
 
 @needs_data
+def test_pieces_without_a_usable_row_make_no_gap_of_their_own(tmp_path):
+    rows = ["t,v,f,piece"]
+    for k in range(100):
+        piece = 0 if k < 50 else k if k < 60 else 99  # ten pieces of one row each, none with a velocity
+        rows.append(f"{0.01 * k:.2f},{'' if 50 <= k < 60 else 0.1},1.0,{piece}")
+    table = tmp_path / "short.csv"
+    table.write_text("\n".join(rows) + "\n")
+    samples, report = read_table(table, TableSpec("t", {"velocity": "v", "friction": "f"}, segment="piece"))
+    assert report.pieces == 2
+    step = np.diff(samples.stamp_ns) * 1e-9
+    assert step.max() == pytest.approx(max(0.11, 20 * 0.01))
+    assert np.flatnonzero(samples.restart).tolist() == [0, 50]
+
+
 def test_the_pneumatic_seal_is_imported_with_its_gaps(tmp_path):
     inputs = {"velocity": "v_m_s", "friction": "friction_N", "pressure": "pressure_Pa+101325"}
     spec = TableSpec("t_s", inputs, [("seal", "O-ring257")], "segment")

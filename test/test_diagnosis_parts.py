@@ -1,5 +1,7 @@
 """The parts of the diagnosis: evidence, base, faults of the data, noise floor."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -167,6 +169,23 @@ def test_stamps_tell_their_faults() -> None:
     assert streams.offset_ns(t, t - 900_000) == -900_000
     assert streams.duplicates({"duplicate_stamp": 40}, 4000) is not None
     assert streams.duplicates({"duplicate_stamp": 1}, 4000) is None
+
+
+def test_one_jump_of_the_clock_is_named_and_joints_of_pieces_are_not(clean: Samples) -> None:
+    def jumped(places: list[int]) -> object:
+        shift = np.zeros(len(clean), np.int64)
+        for place in places:
+            shift[place:] += 300_000_000
+        moved = replace(clean, stamp_ns=clean.stamp_ns + shift)
+        record = build_record([moved], Config())
+        return quality.clock_jump(record, record.context(Config(), 1.0))
+
+    fast = np.flatnonzero(np.abs(clean.velocity_m_s) > 0.6 * np.abs(clean.velocity_m_s).max())
+    found = jumped([int(fast[fast.size // 2])])
+    assert found is not None
+    assert found.values["jump"][0] == pytest.approx(0.3, abs=0.006)
+    assert jumped([int(k) for k in fast[:: fast.size // 30]]) is None
+    assert jumped([]) is None
 
 
 def test_constant_speeds_are_told_from_a_sine() -> None:

@@ -108,10 +108,11 @@ def _samples(columns: Columns, spec: TableSpec) -> tuple[Samples, TableReport]:
         told = ", ".join(f"{count} without {name}" for name, count in missing.items())
         raise UnanswerableError(f"no usable row: {told or 'the table is empty'}")
 
-    # Pieces are found on all rows that have a time: a boundary may fall on a row that is left out.
+    # Pieces are found on all rows that have a time: a boundary may fall on a row that is left out. Gaps are made
+    # between rows that are kept, or a stretch of pieces without one would grow by a gap for each.
     timed = ~np.isnan(values["time"])
-    time_s, piece = _continuous(values["time"][timed], label[timed])
-    time_s, piece = time_s[complete[timed]], piece[complete[timed]]
+    piece = _pieces(values["time"][timed], label[timed])[complete[timed]]
+    time_s = _continuous(values["time"][complete], piece)
     latest = np.concatenate([[-np.inf], np.maximum.accumulate(time_s)[:-1]])
     later, repeated = time_s > latest, time_s == latest
     shift_s = max(0.0, FIRST_STAMP_S - float(time_s[0]))
@@ -170,12 +171,17 @@ def _selected(columns: Columns, spec: TableSpec) -> tuple[int, dict[str, Floats]
     return rows, values, label
 
 
-def _continuous(time_s: Floats, label: NDArray[Any]) -> tuple[Floats, Ints]:
-    """Return time that never restarts, and the piece of each row (see the module's words), each (n,)."""
+def _pieces(time_s: Floats, label: NDArray[Any]) -> Ints:
+    """Return the piece of each row, (n,): a new one where the label changes or time restarts."""
     step = np.diff(time_s)
-    period = float(np.median(step[step > 0])) if np.any(step > 0) else 0.0
-    new = _changes(label) | (step < -RESTART_PERIODS * period)
-    starts = np.concatenate([[0], np.flatnonzero(new) + 1, [time_s.size]])
+    new = _changes(label) | (step < -RESTART_PERIODS * _period(step))
+    return np.concatenate([[0], np.cumsum(new)]).astype(np.int64)
+
+
+def _continuous(time_s: Floats, piece: Ints) -> Floats:
+    """Return time that never restarts, with a gap before each piece, (n,) (see the module's words)."""
+    period = _period(np.diff(time_s))
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(piece)) + 1, [time_s.size]])
     moved = time_s.copy()
     end, shift = -np.inf, 0.0
     for begin, stop in zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True):
@@ -185,7 +191,11 @@ def _continuous(time_s: Floats, label: NDArray[Any]) -> tuple[Floats, Ints]:
         shift = max(shift, end + gap - float(time_s[begin:stop].min()))
         moved[begin:stop] += shift
         end = float(moved[begin:stop].max())
-    return moved, np.concatenate([[0], np.cumsum(new)]).astype(np.int64)
+    return moved
+
+
+def _period(step: Floats) -> float:
+    return float(np.median(step[step > 0])) if np.any(step > 0) else 0.0
 
 
 def _changes(label: NDArray[Any]) -> Bools:
