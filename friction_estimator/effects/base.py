@@ -92,6 +92,8 @@ class Effect:
     size_key : the key that `size` sets.
     linear : True where the change is proportional to the value of `size_key`.
     reveals : the variable against which one sees the effect (a field of `Features`).
+    turns : True where the effect changes its sign with the direction of motion: one sees it in the residual taken
+        in that direction.
     channel : recorded channel without which the effect cannot be named ("position", "pressure" or "").
     signs : sign of each column's coefficient, +1 or -1 where physics fixes it, 0 where it is free.
     fixed_gain : True where the columns are the whole change (coefficient one), as for a delay.
@@ -109,6 +111,7 @@ class Effect:
     linear: ClassVar[bool] = True
     words: ClassVar[Words]
     reveals: ClassVar[str] = "time_s"
+    turns: ClassVar[bool] = False
     channel: ClassVar[str] = ""
     signs: ClassVar[tuple[int, ...]] = (0,)
     fixed_gain: ClassVar[bool] = False

@@ -80,6 +80,7 @@ class ViscosityDrift(Effect):
         form_key("two time constants, 0.6 and 1.4 of it"),
     )
     size_key = "drop"
+    turns = True
     linear = False
     systematic: ClassVar[Mapping[str, float]] = {"drop": 0.04, "time_constant": 0.1}
     words = Words(
@@ -139,6 +140,7 @@ class Wear(Effect):
         form_key("two lengths, 0.6 and 1.4 of it"),
     )
     size_key = "change"
+    turns = True
     reveals = "distance_m"
     systematic: ClassVar[Mapping[str, float]] = {"change": 0.12, "length": 0.5}
     words = Words(
@@ -249,6 +251,7 @@ class GainStep(Effect):
         form_key("over half a second instead of at once"),
     )
     size_key = "step"
+    turns = True
     systematic: ClassVar[Mapping[str, float]] = {"step": 0.02, "at": 0.005}
     words = Words(
         "friction jumped as a whole (seal damaged, sensor's gain changed)",

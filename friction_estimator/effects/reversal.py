@@ -31,6 +31,7 @@ class Breakaway(Effect):
     )
     size_key = "amplitude"
     reveals = "since_reversal_m"
+    turns = True
     systematic: ClassVar[Mapping[str, float]] = {"length": 0.1, "amplitude": 0.1}
     words = Words(
         "the seal sticks while it rests: breaking away costs more force than running",
@@ -103,6 +104,7 @@ class Presliding(Effect):
     )
     size_key = "amplitude"
     reveals = "since_reversal_m"
+    turns = True
     systematic: ClassVar[Mapping[str, float]] = {"length": 0.15, "amplitude": 0.05}
     words = Words(
         "the contact is elastic: after a reversal friction builds up over a small distance",
@@ -165,6 +167,7 @@ class Backlash(Effect):
     size_key = "gap"
     linear = False
     reveals = "since_reversal_m"
+    turns = True
     words = Words(
         "play between drive and seal: after a reversal the seal stands until the gap is closed",
         "a box in the residual over a fixed distance after each reversal",
@@ -226,6 +229,7 @@ class StickSlip(Effect):
     )
     size_key = "amplitude"
     reveals = "since_reversal_s"
+    turns = True
     words = Words(
         "stick-slip: the seal chatters after reversals, differently each time",
         "residual variance is high at low speed after reversals and not repeatable from cycle to cycle",

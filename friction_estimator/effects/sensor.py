@@ -204,6 +204,7 @@ class TimeDelay(Effect):
     stage = "transmission"
     keys = (Key("delay", "s", 1e-3, 0.0, 1.0, "delay of the force behind the velocity"),)
     size_key = "delay"
+    turns = True
     linear = False
     reveals = "since_reversal_s"
     systematic: ClassVar[Mapping[str, float]] = {"delay": 0.03}
@@ -268,6 +269,7 @@ class SensorLowpass(Effect):
         form_key("two equal poles in series, together of the same delay"),
     )
     size_key = "time_constant"
+    turns = True
     linear = False
     reveals = "since_reversal_s"
     systematic: ClassVar[Mapping[str, float]] = {"time_constant": 0.3}

@@ -158,6 +158,7 @@ class PressureDependence(Effect):
         form_key("with the square root of the pressure, of the same range"),
     )
     size_key = "boundary"
+    turns = True
     reveals = "pressure_Pa"
     systematic: ClassVar[Mapping[str, float]] = {"boundary": 0.05}
     words = Words(

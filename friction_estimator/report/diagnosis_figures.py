@@ -15,6 +15,9 @@ from friction_estimator.report import style
 SHOWN = 5000
 BINS = 60
 
+LEVELS = 8
+"""A variable that stays at so few levels, pressures for one, is shown by the mean at each."""
+
 AXES: dict[str, tuple[str, float]] = {
     "time_s": ("time (s)", 1.0),
     "velocity_m_s": ("velocity (mm/s)", 1e3),
@@ -58,12 +61,15 @@ def _modelled(result: Diagnosis, found: Found) -> Figure:
     label, factor = AXES[name]
     values = after.features.force_N if name == "force_N" else getattr(after.features, name)
     used = result.record.used & np.isfinite(values)
-    used &= values <= _reach(name, found, result)
-    signed = name.startswith("since_reversal")
-    folded = np.sign(result.record.features.velocity_m_s) if signed else np.ones(values.size)
+    reach = _reach(name, found, result)
+    used &= values <= reach
+    if name == "since_reversal_m" and reach > 2e-3:
+        label, factor = "distance since the reversal (mm)", 1e3
+    turns = EFFECTS[found.name].turns
+    folded = np.sign(result.record.features.velocity_m_s) if turns else np.ones(values.size)
     figure = Figure(figsize=(10, 4.2))
     axes = figure.subplots(1, 2, sharey=True)
-    what = "residual, in the direction of motion (N)" if signed else "residual (N)"
+    what = "residual, in the direction of motion (N)" if turns else "residual (N)"
     difference = before.residual_N - after.residual_N
     _cloud(axes[0], values * factor, before.residual_N * folded, used)
     _line(axes[0], values * factor, before.residual_N * folded, used, style.RESIDUAL, "mean residual")
@@ -246,10 +252,18 @@ def _cloud(axes: Axes, x: Floats, y: Floats, used: Bools) -> None:
 
 
 def _line(axes: Axes, x: Floats, y: Floats, used: Bools, color: str, label: str) -> None:
-    """Draw the mean in quantile bins of x."""
+    """Draw the mean in quantile bins of x; where x has a few levels only, the mean of each."""
     if used.sum() < BINS:
         return
-    edges = np.unique(np.quantile(x[used], np.linspace(0.0, 1.0, BINS + 1)))
+    even = np.linspace(float(x[used].min()), float(x[used].max()), BINS + 1)
+    held = np.histogram(x[used], even)[0] > 0.002 * used.sum()
+    few = np.count_nonzero(np.diff(held.astype(int)) > 0) + int(held[0]) <= LEVELS and held.mean() < 0.2
+    if few:  # edges in the middle of the empty stretches between levels
+        starts, ends = np.flatnonzero(np.diff(held.astype(int)) > 0), np.flatnonzero(np.diff(held.astype(int)) < 0)
+        gaps = [0.5 * (even[a + 1] + even[b + 1]) for a in ends for b in starts[starts >= a][:1]]
+        edges = np.array([even[0], *gaps, even[-1]])
+    else:
+        edges = np.unique(np.quantile(x[used], np.linspace(0.0, 1.0, BINS + 1)))
     if edges.size < 3:
         return
     cell = np.clip(np.searchsorted(edges, x[used], side="right") - 1, 0, edges.size - 2)
@@ -257,7 +271,7 @@ def _line(axes: Axes, x: Floats, y: Floats, used: Bools, color: str, label: str)
     keep = count > 0
     middle = np.bincount(cell, weights=x[used], minlength=edges.size - 1)[keep] / count[keep]
     mean = np.bincount(cell, weights=y[used], minlength=edges.size - 1)[keep] / count[keep]
-    axes.plot(middle, mean, color=color, lw=1.8, label=label, zorder=3)
+    axes.plot(middle, mean, "o-" if few else "-", ms=6, color=color, lw=1.8, label=label, zorder=3)
 
 
 def _limits(axes: "np.ndarray | list[Axes]", *values: Floats) -> None:
