@@ -12,6 +12,7 @@ PACKAGE = Path(friction_estimator.__file__).parent
 # room: rooms it may use
 ALLOWED = {
     "core": set(),
+    "threads": set(),
     "files": {"core"},
     "effects": {"core"},
     "rig": {"core", "effects"},
@@ -19,8 +20,8 @@ ALLOWED = {
     "diagnosis": {"core", "effects", "rig"},
     "paper": {"core", "rig"},
     "report": {"core", "files", "effects", "rig", "diagnosis", "paper"},
-    "ros": {"core", "files", "effects", "bag", "report", "diagnosis", "rig"},
-    "cli": {"core", "files", "effects", "rig", "paper", "bag", "diagnosis", "report", "ros"},
+    "ros": {"core", "threads", "files", "effects", "bag", "report", "diagnosis", "rig"},
+    "cli": {"core", "threads", "files", "effects", "rig", "paper", "bag", "diagnosis", "report", "ros"},
     "__main__": {"cli"},
     "__init__": set(),
 }

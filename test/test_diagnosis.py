@@ -139,6 +139,15 @@ def test_a_filter_under_one_sine_is_absorbed_and_the_report_says_that_it_may_be(
     assert any("one drive period" in text for text in result.excitation.warnings)
 
 
+def test_friction_that_curves_with_pressure_is_fitted_with_its_curvature() -> None:
+    levels = (50.0, 200.0, 400.0, 400.0, 200.0, 50.0)
+    parts = tuple(segment(period, psi, 10.0) for psi in levels for period in (1.0, 5.0))
+    hidden = "pressure_dependence:boundary=2e-7,curvature=1e-12"
+    found = diagnose([record([hidden], segments=parts)], Config()).effects[0]
+    assert found.name == "pressure_dependence"
+    assert found.parameters["curvature"].value == pytest.approx(1e-12, rel=0.1)
+
+
 def test_a_pressure_that_changes_once_leaves_a_step_open() -> None:
     once = (segment(1.0, 50.0, 20.0), segment(5.0, 50.0, 30.0), segment(1.0, 200.0, 20.0), segment(5.0, 200.0, 30.0))
     result = diagnose([record(["pressure_dependence:size=0.04"], segments=once)], Config())

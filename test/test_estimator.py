@@ -15,6 +15,8 @@ from friction_estimator.core.estimator import Estimator
 from friction_estimator.core.metrics import by_cycle, drive_cycles, nrmse, nrmse_persistence
 from friction_estimator.core.model import Model
 from friction_estimator.core.sample import Samples
+from friction_estimator.rig.drive import CONDITIONS, segment
+from friction_estimator.rig.simulate import Scenario, simulate
 
 RATE = 500
 MODELS = ("hammerstein", "parallel")
@@ -331,3 +333,12 @@ def test_figures_of_merit_by_hand():
     # Differences inside the two pieces: 1 and 1; std of the samples that have a predecessor is 0.
     assert np.isnan(nrmse_persistence(f, restart))
     assert nrmse_persistence(np.array([0.0, 1.0, 3.0]), np.array([True, False, False])) == pytest.approx(np.sqrt(2.5))
+
+
+def test_an_error_that_comes_back_in_every_cycle_is_no_change_of_friction():
+    """Condition b at 5 kHz: the memory of the model is too short for the film's lag, twice in each cycle."""
+    period, pressure = CONDITIONS["b"]
+    samples = simulate(Scenario((segment(period, pressure, 10.0),), rate_hz=5000.0, noise=0.01)).paired()
+    estimator = estimator_for(samples, model__type="hammerstein")
+    estimator.run(samples)
+    assert estimator.health.alarmed <= 3

@@ -155,6 +155,14 @@ def test_a_scenario_that_cannot_be_run_is_refused(change, message):
         replace(SHORT, **change)
 
 
+@pytest.mark.parametrize("other", ["", ",viscous=1e-6", ",curvature=5e-13"])
+def test_the_size_is_that_of_all_keys_together(other):
+    parts = tuple(segment(1.0, psi, 3.0) for psi in (50.0, 100.0, 200.0))
+    run = simulate(Scenario(parts, effects=(parse_effect(f"pressure_dependence:size=0.04{other}"),)))
+    change = np.sqrt(np.mean(np.square(run.changes_N[0]))) / np.sqrt(np.mean(np.square(run.clean_N)))
+    assert change == pytest.approx(0.04, rel=1e-2)
+
+
 def test_a_size_out_of_reach_is_refused_by_name():
     steady = Scenario((segment(*CONDITIONS["b"], 3.0),), effects=(parse_effect("pressure_dependence:size=0.1"),))
     with pytest.raises(ConfigError, match=r"pressure_dependence cannot reach size=0\.1"):

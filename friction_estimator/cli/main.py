@@ -4,13 +4,13 @@ Only the chosen verb's module is imported, so that `--help` answers at once.
 """
 
 import difflib
-import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
 
 from friction_estimator import __version__
 from friction_estimator.cli.common import EXIT_CODES, PROGRAM, Parser, guarded
+from friction_estimator.threads import one_thread
 
 VERBS: dict[str, tuple[str, str]] = {
     # verb: (module in friction_estimator.cli, what it does)
@@ -26,10 +26,6 @@ VERBS: dict[str, tuple[str, str]] = {
 """Every verb. Its module has `add_parser(subparsers)`, which adds the parser named like the verb, and `run(args)`,
 which returns the exit code."""
 
-LINEAR_ALGEBRA_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-"""Set to 1 unless they are set: on matrices of a hundred columns threads triple the work, and their number moves last
-bits."""
-
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return its exit code.
@@ -37,8 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     Raises SystemExit for `--help`, `--version` (0) and usage errors (2), as argparse does.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
-    for name in LINEAR_ALGEBRA_THREADS:  # before a verb brings in numpy
-        os.environ.setdefault(name, "1")
+    one_thread()  # before a verb brings in numpy
     parser = Parser(
         prog=PROGRAM,
         description="Online identification of seal and actuator friction beside the drive.",

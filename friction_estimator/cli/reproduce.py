@@ -11,20 +11,20 @@ from pathlib import Path
 from typing import Any
 
 from friction_estimator.cli import common
-from friction_estimator.cli.main import LINEAR_ALGEBRA_THREADS
 from friction_estimator.core.errors import InputError
 from friction_estimator.files import atomic_path, write_text
 from friction_estimator.paper import convergence, landscape, structure
 from friction_estimator.paper.claims import Claim, Interval
 from friction_estimator.paper.study import MODELS, Plan, Study, assemble, run_recording
 from friction_estimator.rig.drive import CONDITIONS
+from friction_estimator.threads import VARIABLES
 
 WORKERS = 2
 
 STRUCTURE_SEEDS = 3
 """Recordings of each condition for the claim on orders, which takes six fits each."""
 
-_SINGLE_THREAD = dict.fromkeys(LINEAR_ALGEBRA_THREADS, "1")
+_SINGLE_THREAD = dict.fromkeys(VARIABLES, "1")
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,6 @@ STRUCTURE = (
     "force_unit",
     "fir.order",
     "extension.terms",
-    "rls.relinearise",
     *(name for name in PARAMETERS if name.startswith("basis.")),
 )
 """Settings that must agree between a state and the estimator that takes it."""
@@ -46,6 +45,7 @@ class Health:
     clipped : errors that nlms or rls took for outliers and shortened.
     outside : samples outside the velocity range (nothing was learned from them).
     alarmed : abrupt changes of friction that rls noticed (it then learns afresh, from the present parameters).
+    adopted : fits to the past from which rls went on.
     error_rms_N : running rms of the a priori error, N.
     """
 
@@ -55,6 +55,7 @@ class Health:
     clipped: int
     outside: int
     alarmed: int
+    adopted: int
     error_rms_N: float
 
 
@@ -89,7 +90,7 @@ class Estimator:
         taps, _, theory_taps, _ = model.shape
         self.relinearisation = Relinearisation(model)
         kept, proposal, due = Relinearisation.arrays(model, config)
-        status = np.zeros(workspace.STARTED + 1, np.int64)
+        status = np.zeros(workspace.STATUS_SIZE, np.int64)
         status[workspace.DUE] = due
         self._law_number = law.number
         self._work = Workspace(
@@ -101,7 +102,7 @@ class Estimator:
             diagonal=covariance.copy(),
             prior=prior,
             law=law.constants(config),
-            moments=np.array([1.0, 1.0, 0.0, 0.0, 1.0]),
+            moments=np.array([1.0, 1.0, 0.0, 0.0, 1.0, 0.0, 1.0]),
             status=status,
             kept=kept,
             proposal=proposal,
@@ -205,6 +206,7 @@ class Estimator:
             clipped=int(status[workspace.CLIPPED]),
             outside=int(status[workspace.OUTSIDE]),
             alarmed=int(status[workspace.ALARMED]),
+            adopted=int(status[workspace.ADOPTED]),
             error_rms_N=float(np.sqrt(self._work.moments[workspace.ERROR_POWER]) * self.config.force_unit),
         )
 
@@ -230,15 +232,23 @@ class Estimator:
         Raises ConfigError naming the setting or array that differs.
         """
         if state.get("version") != STATE_VERSION:
-            raise ConfigError(f"state has version {state.get('version')}, this program reads {STATE_VERSION}")
+            raise ConfigError(
+                f"state has version {state.get('version')}, this program reads {STATE_VERSION}: delete it to start cold"
+            )
         for name in self._structure():
             theirs, ours = state["structure"].get(name), PARAMETERS[name].of(self.config)
             if _plain(theirs) != _plain(ours):
                 raise ConfigError(f"state was learned with {name} = {theirs}, this estimator has {ours}")
-        taken = {}
+        taken: dict[str, Any] = {}
+        arrays: dict[str, Any] = dict(state["arrays"])
+        kept, proposal, due = Relinearisation.arrays(self.model, self.config)
+        fresh = {"kept": kept, "proposal": proposal}
+        alike = all(np.asarray(arrays.get(name)).shape == array.shape for name, array in fresh.items())
+        if not alike:  # rls.relinearise was switched: what was learned stays, what was kept starts afresh
+            arrays |= fresh
         for item in fields(Workspace):
             ours = getattr(self._work, item.name)
-            theirs = np.asarray(state["arrays"].get(item.name))
+            theirs = np.asarray(arrays.get(item.name))
             if theirs.shape != ours.shape or theirs.dtype != ours.dtype:
                 raise ConfigError(
                     f"state array {item.name} is {theirs.dtype}{theirs.shape}, expected {ours.dtype}{ours.shape}"
@@ -246,6 +256,14 @@ class Estimator:
             if not np.all(np.isfinite(theirs)):
                 raise ConfigError(f"state array {item.name} holds values that are not finite")
             taken[item.name] = theirs.copy()
+        status = taken["status"]
+        if not alike:
+            status[workspace.KEPT :] = 0
+            status[workspace.DUE] = due
+        if np.any(np.delete(status, [workspace.SLOT, workspace.DIRECTION]) < 0) or not (
+            -1 <= status[workspace.SLOT] < workspace.KEPT_BLOCKS
+        ):
+            raise ConfigError("state array status holds impossible counts")
         taken["shape"] = self._work.shape
         taken["law"] = self._work.law
         self._work = Workspace(**taken)

@@ -15,41 +15,7 @@ Yagle, Levitt 1998, section 3; the printed F1 repeats lag 0, which is read as a 
 import numpy as np
 from numba import njit
 
-from friction_estimator.core.workspace import (
-    ALARM,
-    ALARMED,
-    BACKOFF,
-    CLIPPED,
-    DIAGONAL_AGE,
-    DUE,
-    ERROR_POWER,
-    EXTENSIONS,
-    FLOOR,
-    FORGETTING,
-    GUARDED,
-    HEAD,
-    KEPT_BLOCK,
-    KEPT_ERROR,
-    KEPT_EXTENSION,
-    KEPT_LEARNED,
-    KEPT_PLACE,
-    KEPT_RESTART,
-    KEPT_TARGET,
-    KEPT_THEORY,
-    KEPT_VELOCITY,
-    LEARNED,
-    LEARNED_BEFORE,
-    PROPOSED,
-    QUIET_POWER,
-    SAMPLES_A_PARAMETER,
-    SEEN,
-    SINCE,
-    SLOT,
-    STEP,
-    TAPS,
-    THEORY_TAPS,
-    WEIGHTS,
-)
+from friction_estimator.core import workspace as at
 
 LMS, NLMS, RLS = range(3)
 """Numbers of the laws in the compiled dispatch; core/adaptation.py has the classes."""
@@ -65,6 +31,10 @@ QUIET_FALL, QUIET_RISE = 500.0, 5000.0
 
 ALARM_RATIO = 80.0
 """Running error power over quiet power beyond which the friction itself is taken to have changed."""
+
+TOLERANCE_RISE, TOLERANCE_MEMORY = 4.0, 1e5
+"""Factor on that ratio after each alarm, and samples over which it falls back to 1: what is alarming in every cycle is
+the model's error, not a change."""
 
 LEAST_BACKOFF, RECOVERY = 1e-4, 1e-4
 """lms: smallest factor on the step size after guarded steps, and its relative growth a sample."""
@@ -94,9 +64,9 @@ def _dot(a, b):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
 @njit(cache=True)
 def _push(shape, ring, ring_theory, status, index, value, theory, restart):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Put the newest row into the delay lines; a restart fills them with it (as if it had stood there)."""
-    taps = shape[TAPS]
-    status[HEAD] = 0 if restart else status[HEAD] + 1
-    row = ring[status[HEAD] % taps]
+    taps = shape[at.TAPS]
+    status[at.HEAD] = 0 if restart else status[at.HEAD] + 1
+    row = ring[status[at.HEAD] % taps]
     row[:] = 0.0
     for k in range(index.size):
         row[index[k]] = value[k]
@@ -105,14 +75,14 @@ def _push(shape, ring, ring_theory, status, index, value, theory, restart):  # t
             ring[i, :] = row
         ring_theory[:] = theory
     else:
-        ring_theory[status[HEAD] % ring_theory.size] = theory
+        ring_theory[status[at.HEAD] % ring_theory.size] = theory
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
 def _regress(shape, theta, ring, ring_theory, status, extension, x):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Fill the gradient x and return the prediction."""
-    taps, weights, theory_taps = shape[TAPS], shape[WEIGHTS], shape[THEORY_TAPS]
-    head = status[HEAD]
+    taps, weights, theory_taps = shape[at.TAPS], shape[at.WEIGHTS], shape[at.THEORY_TAPS]
+    head = status[at.HEAD]
     w = theta[taps : taps + weights]
     filtered = x[taps : taps + weights]
     filtered[:] = 0.0
@@ -136,7 +106,7 @@ def _regress(shape, theta, ring, ring_theory, status, extension, x):  # type: ig
         x[start + i] = lagged
         prediction += theta[start + i] * lagged
     start += theory_taps
-    for i in range(shape[EXTENSIONS]):
+    for i in range(shape[at.EXTENSIONS]):
         x[start + i] = extension[i]
         prediction += theta[start + i] * extension[i]
     return prediction
@@ -145,7 +115,7 @@ def _regress(shape, theta, ring, ring_theory, status, extension, x):  # type: ig
 @njit(cache=True)
 def _normalise_taps(shape, theta):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Divide A by its norm (the paper's A = A*/||A*||); return the norm, 0 where A vanished and was left alone."""
-    taps = shape[TAPS]
+    taps = shape[at.TAPS]
     norm = 0.0
     for i in range(taps):
         norm += theta[i] * theta[i]
@@ -162,7 +132,7 @@ def _step_along(theta, direction, gain, status):  # type: ignore[no-untyped-def]
     """theta += gain direction, unless |theta| could leave the guarded range: then nothing is learned here."""
     reach = np.sqrt(_dot(theta, theta)) + abs(gain) * np.sqrt(_dot(direction, direction))
     if not reach < LARGEST_PARAMETER:  # also true for NaN
-        status[GUARDED] += 1
+        status[at.GUARDED] += 1
         return False
     for i in range(theta.size):
         theta[i] += gain * direction[i]
@@ -177,17 +147,17 @@ def _trusted(shape, ring, status, x, direction, gain):  # type: ignore[no-untype
     second term, which the law does not know of, is kept below half of the first: then a step that removes at most the
     whole error of the linearised model never enlarges the error on its own sample.
     """
-    taps, weights = shape[TAPS], shape[WEIGHTS]
+    taps, weights = shape[at.TAPS], shape[at.WEIGHTS]
     step = direction[taps : taps + weights]
     bilinear = 0.0
-    place = status[HEAD] % taps
+    place = status[at.HEAD] % taps
     for i in range(taps):
         bilinear += direction[i] * _dot(ring[place], step)
         place = place - 1 if place > 0 else taps - 1
     linear, bilinear = abs(gain * _dot(x, direction)), gain * gain * abs(bilinear)
     if bilinear <= 0.5 * linear:
         return gain
-    status[GUARDED] += 1
+    status[at.GUARDED] += 1
     return gain * 0.5 * linear / bilinear
 
 
@@ -198,14 +168,14 @@ def _learn_lms(shape, theta, law, moments, status, x, error):  # type: ignore[no
     Guard: where mu |x|^2 > 1 the step would overshoot the sample that it learns from, the first sign of divergence.
     It is shortened to mu = 1/|x|^2 and counted, and mu itself backs off to half; it recovers over 1 / RECOVERY samples.
     """
-    step = law[STEP] * moments[BACKOFF]
+    step = law[at.STEP] * moments[at.BACKOFF]
     energy = _dot(x, x)
     if step * energy > 1.0:
         step = 1.0 / energy
-        status[GUARDED] += 1
-        moments[BACKOFF] = max(0.5 * moments[BACKOFF], LEAST_BACKOFF)
-    elif moments[BACKOFF] < 1.0:
-        moments[BACKOFF] = min(1.0, moments[BACKOFF] * (1.0 + RECOVERY))
+        status[at.GUARDED] += 1
+        moments[at.BACKOFF] = max(0.5 * moments[at.BACKOFF], LEAST_BACKOFF)
+    elif moments[at.BACKOFF] < 1.0:
+        moments[at.BACKOFF] = min(1.0, moments[at.BACKOFF] * (1.0 + RECOVERY))
     if _step_along(theta, x, step * error, status):
         _normalise_taps(shape, theta)
 
@@ -216,7 +186,7 @@ def _move_norm_into_weights(shape, theta):  # type: ignore[no-untyped-def] # pra
 
     Return the norm that was moved, 0 where nothing was.
     """
-    taps = shape[TAPS]
+    taps = shape[at.TAPS]
     power = 0.0
     for i in range(taps):
         power += theta[i] * theta[i]
@@ -224,7 +194,7 @@ def _move_norm_into_weights(shape, theta):  # type: ignore[no-untyped-def] # pra
         return 0.0
     norm = _normalise_taps(shape, theta)
     if norm > 0.0:
-        for i in range(taps, taps + shape[WEIGHTS]):
+        for i in range(taps, taps + shape[at.WEIGHTS]):
             theta[i] *= norm
     return norm
 
@@ -232,21 +202,21 @@ def _move_norm_into_weights(shape, theta):  # type: ignore[no-untyped-def] # pra
 @njit(cache=True)
 def _learn_nlms(shape, theta, ring, law, status, prior, x, error, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """theta += mu e D x / (eps + x' D x), one normaliser for all blocks, then the norm of A goes into W."""
-    energy = law[FLOOR]
+    energy = law[at.FLOOR]
     for i in range(x.size):
         gain[i] = prior[i] * x[i]
         energy += gain[i] * x[i]
-    step = _trusted(shape, ring, status, x, gain, law[STEP] * error / energy)
+    step = _trusted(shape, ring, status, x, gain, law[at.STEP] * error / energy)
     if _step_along(theta, gain, step, status):
         _move_norm_into_weights(shape, theta)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def predict(index, value, theory, extension, restart, predicted, shape, theta):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Fill `predicted`, (n,), with the output of fixed parameters; arguments as in `run`."""
-    ring = np.zeros((shape[TAPS], shape[WEIGHTS]))
-    ring_theory = np.zeros(max(1, shape[THEORY_TAPS]))
-    status = np.zeros(HEAD + 1, np.int64)
+    ring = np.zeros((shape[at.TAPS], shape[at.WEIGHTS]))
+    ring_theory = np.zeros(max(1, shape[at.THEORY_TAPS]))
+    status = np.zeros(at.HEAD + 1, np.int64)
     x = np.zeros(theta.size)
     for k in range(predicted.size):
         _push(shape, ring, ring_theory, status, index[k], value[k], theory[k], restart[k] or k == 0)
@@ -256,43 +226,49 @@ def predict(index, value, theory, extension, restart, predicted, shape, theta): 
 @njit(cache=True)
 def _begin_again(status, parameters):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Keep samples from the present one on only: those before tell of other friction."""
-    status[SINCE] = status[SEEN] - 1
-    status[LEARNED_BEFORE] = status[LEARNED] - 1
-    status[DUE] = SAMPLES_A_PARAMETER * parameters
-    status[PROPOSED] = 0
+    status[at.KEPT] = 0
+    status[at.REVERSALS] = 0
+    status[at.DUE] = at.SAMPLES_A_PARAMETER * parameters
+    status[at.PROPOSED] = 0
 
 
 @njit(cache=True)
-def _keep(kept, status, velocity, theory, extension, target, error, restart, learned):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Store the newest sample, if its block is one of those that are kept.
+def _keep(kept, moments, status, velocity, theory, extension, target, error, joint):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Store a sample that was learned from, if its block is one of those that are kept; count reversals.
 
     Every block so far is kept with the same probability (reservoir sampling, Vitter 1985, algorithm R), so no period of
     the drive is in step with it. The random number is a hash of the block's number: nothing else need be remembered.
     """
-    blocks = kept.shape[0] // KEPT_BLOCK
-    place = status[SEEN] - 1 - status[SINCE]
-    number, row = place // KEPT_BLOCK, place % KEPT_BLOCK
+    place = status[at.KEPT]
+    status[at.KEPT] += 1
+    moments[at.FASTEST] = max(moments[at.FASTEST], abs(velocity))
+    if abs(velocity) > 0.1 * moments[at.FASTEST]:
+        direction = 1 if velocity > 0.0 else -1
+        if status[at.DIRECTION] == -direction:
+            status[at.REVERSALS] += 1
+        status[at.DIRECTION] = direction
+    blocks = kept.shape[0] // at.KEPT_BLOCK
+    number, row = place // at.KEPT_BLOCK, place % at.KEPT_BLOCK
     if row == 0:
         if number < blocks:
-            status[SLOT] = number
+            status[at.SLOT] = number
         else:
             mixed = np.uint64(number) * np.uint64(0x9E3779B97F4A7C15)
             mixed = (mixed ^ (mixed >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
             mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
             mixed = (mixed ^ (mixed >> np.uint64(31))) % np.uint64(number + 1)
-            status[SLOT] = np.int64(mixed) if mixed < np.uint64(blocks) else -1
-    if status[SLOT] < 0:
+            status[at.SLOT] = np.int64(mixed) if mixed < np.uint64(blocks) else -1
+    if status[at.SLOT] < 0:
         return
-    into = kept[status[SLOT] * KEPT_BLOCK + row]
-    into[KEPT_PLACE] = place
-    into[KEPT_VELOCITY] = velocity
-    into[KEPT_THEORY] = theory
-    into[KEPT_TARGET] = target
-    into[KEPT_ERROR] = error
-    into[KEPT_RESTART] = 1.0 if restart else 0.0
-    into[KEPT_LEARNED] = 1.0 if learned else 0.0
+    into = kept[status[at.SLOT] * at.KEPT_BLOCK + row]
+    into[at.KEPT_PLACE] = place
+    into[at.KEPT_VELOCITY] = velocity
+    into[at.KEPT_THEORY] = theory
+    into[at.KEPT_TARGET] = target
+    into[at.KEPT_ERROR] = error
+    into[at.KEPT_JOINT] = joint
     for i in range(extension.size):
-        into[KEPT_EXTENSION + i] = extension[i]
+        into[at.KEPT_EXTENSION + i] = extension[i]
 
 
 @njit(cache=True)
@@ -310,18 +286,20 @@ def _learn_rls(shape, theta, ring, law, moments, status, root, diagonal, prior, 
     quiet level, the friction has changed abruptly: the covariance is set back to the prior once, the parameters stay.
     """
     n = theta.size
-    if law[FORGETTING] < 1.0:
-        ratio = moments[ERROR_POWER] / moments[QUIET_POWER]
-        if moments[ALARM] == 0.0 and ratio > ALARM_RATIO:
-            moments[ALARM] = 1.0
-            status[ALARMED] += 1
+    if law[at.FORGETTING] < 1.0:
+        ratio = moments[at.ERROR_POWER] / (moments[at.QUIET_POWER] * moments[at.TOLERANCE])
+        moments[at.TOLERANCE] -= (moments[at.TOLERANCE] - 1.0) / TOLERANCE_MEMORY
+        if moments[at.ALARM] == 0.0 and ratio > ALARM_RATIO:
+            moments[at.ALARM] = 1.0
+            moments[at.TOLERANCE] *= TOLERANCE_RISE
+            status[at.ALARMED] += 1
             _begin_again(status, n)
             root[:, :] = 0.0
             for i in range(n):
                 root[i, i] = np.sqrt(prior[i])
                 diagonal[i] = prior[i]
         elif ratio < 0.25 * ALARM_RATIO:
-            moments[ALARM] = 0.0
+            moments[at.ALARM] = 0.0
     for j in range(n):
         projected[j] = 0.0
     for i in range(n):
@@ -341,7 +319,7 @@ def _learn_rls(shape, theta, ring, law, moments, status, root, diagonal, prior, 
     rho = max(1.0, error / step - r) if step != 0.0 else 1.0
     shrink = rho / (rho + r)
     if rho < WHOLE_STEP:
-        shrink /= law[FORGETTING]
+        shrink /= law[at.FORGETTING]
     change = (1.0 - shrink) / r  # P <- P - change g g'
     gamma = (1.0 - np.sqrt(shrink)) / r
     for i in range(n):
@@ -353,16 +331,16 @@ def _learn_rls(shape, theta, ring, law, moments, status, root, diagonal, prior, 
         for j in range(n):
             root[i, j] -= factor * projected[j]
     norm = _move_norm_into_weights(shape, theta)
-    taps, weights = shape[TAPS], shape[WEIGHTS]
+    taps, weights = shape[at.TAPS], shape[at.WEIGHTS]
     if norm > 0.0:
         for i in range(taps + weights):
             scale = 1.0 / norm if i < taps else norm
             diagonal[i] *= scale * scale
             for j in range(n):
                 root[i, j] *= scale
-    moments[DIAGONAL_AGE] += 1.0
-    if moments[DIAGONAL_AGE] >= 1000.0:  # rounding must not gather in the running diagonal
-        moments[DIAGONAL_AGE] = 0.0
+    moments[at.DIAGONAL_AGE] += 1.0
+    if moments[at.DIAGONAL_AGE] >= 1000.0:  # rounding must not gather in the running diagonal
+        moments[at.DIAGONAL_AGE] = 0.0
         for i in range(n):
             diagonal[i] = _dot(root[i], root[i])
 
@@ -404,33 +382,33 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
 
     Returns
     -------
-    0, or, where `status[DUE]` samples have been learned from, the number of samples taken: the caller has a fit to the
-    kept samples to start or to adopt before it goes on (see `relinearisation`).
+    0, or, where a fit to the kept samples is due, the number of samples taken: the caller has to start or to adopt it
+    before it goes on (see `relinearisation`).
     """
     n = theta.size
     x = np.zeros(n)
     projected = np.zeros(n)
     gain = np.zeros(n)
     for k in range(target.size):
-        begins = restart[k] or status[SEEN] == 0
+        begins = restart[k] or status[at.SEEN] == 0
         _push(shape, ring, ring_theory, status, index[k], value[k], theory[k], begins)
-        status[SEEN] += 1
+        status[at.SEEN] += 1
         predicted[k] = _regress(shape, theta, ring, ring_theory, status, extension[k], x)
         error = target[k] - predicted[k]
-        limit = CLIP * np.sqrt(moments[ERROR_POWER])
+        limit = CLIP * np.sqrt(moments[at.ERROR_POWER])
         clipped = min(max(error, -limit), limit)
-        moments[ERROR_POWER] += (clipped * clipped - moments[ERROR_POWER]) / ERROR_MEMORY
-        moments[ERROR_POWER] = max(moments[ERROR_POWER], LEAST_POWER)
-        quiet = moments[QUIET_POWER]
+        moments[at.ERROR_POWER] += (clipped * clipped - moments[at.ERROR_POWER]) / ERROR_MEMORY
+        moments[at.ERROR_POWER] = max(moments[at.ERROR_POWER], LEAST_POWER)
+        quiet = moments[at.QUIET_POWER]
         surprise = min(clipped * clipped, 9.0 * quiet) - quiet
-        moments[QUIET_POWER] = max(quiet + surprise / (QUIET_FALL if surprise < 0.0 else QUIET_RISE), LEAST_POWER)
+        moments[at.QUIET_POWER] = max(quiet + surprise / (QUIET_FALL if surprise < 0.0 else QUIET_RISE), LEAST_POWER)
         if learn[k]:
-            status[LEARNED] += 1
+            status[at.LEARNED] += 1
             if law_number == LMS:
                 _learn_lms(shape, theta, law, moments, status, x, error)
                 continue
             if clipped != error:
-                status[CLIPPED] += 1
+                status[at.CLIPPED] += 1
             if law_number == NLMS:
                 _learn_nlms(shape, theta, ring, law, status, prior, x, clipped, gain)
             else:
@@ -438,7 +416,13 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
                     shape, theta, ring, law, moments, status, root, diagonal, prior, x, error, clipped, projected, gain
                 )
         if kept.shape[0] > 0:
-            _keep(kept, status, velocity[k], theory[k], extension[k], target[k], error, begins, learn[k])
-            if learn[k] and status[LEARNED] - status[LEARNED_BEFORE] >= status[DUE]:
+            if not learn[k]:
+                status[at.BROKEN] = 1
+                continue
+            joint = at.RESTARTS if begins else at.JOINS if status[at.BROKEN] != 0 else at.CONTINUES
+            status[at.BROKEN] = 0
+            _keep(kept, moments, status, velocity[k], theory[k], extension[k], target[k], error, joint)
+            moved = status[at.PROPOSED] > 0 or status[at.REVERSALS] >= at.FEWEST_REVERSALS
+            if moved and status[at.KEPT] >= status[at.DUE]:
                 return k + 1
     return 0

@@ -11,6 +11,7 @@ The fit runs in a thread beside the estimator. It is adopted a fixed number of s
 ready, so results do not depend on the machine's load.
 """
 
+import contextlib
 import threading
 from dataclasses import dataclass
 from typing import Any
@@ -25,25 +26,23 @@ from friction_estimator.core.moments import accumulate, products
 from friction_estimator.core.sample import Bools, Floats
 from friction_estimator.core.variable_projection import refine
 from friction_estimator.core.workspace import (
+    ADOPTED,
+    CONTINUES,
     DUE,
+    KEPT,
     KEPT_BLOCK,
     KEPT_BLOCKS,
     KEPT_ERROR,
     KEPT_EXTENSION,
-    KEPT_LEARNED,
+    KEPT_JOINT,
     KEPT_PLACE,
-    KEPT_RESTART,
     KEPT_TARGET,
     KEPT_THEORY,
     KEPT_VELOCITY,
-    LEARNED,
-    LEARNED_BEFORE,
     PROPOSED,
+    RESTARTS,
     SAMPLES_A_PARAMETER,
-    SEEN,
-    SINCE,
     SLOT,
-    STARTED,
     TAPS,
     Workspace,
 )
@@ -54,9 +53,6 @@ MOST_PRODUCTS = 1500
 LEAST_GAIN = 0.02
 """Share of the error power on unseen samples that a fit must save to be adopted: rls is left alone if it does well."""
 
-FEWEST_REVERSALS = 2
-"""Of the shaft before anything is fitted: a fit to part of the first cycle says nothing of the rest."""
-
 NEWTON: Any = {"gtol": 1e-7, "maxiter": 30, "initial_trust_radius": 0.1, "max_trust_radius": 1.0}
 """Of the fit: a better point is wanted, not the best."""
 
@@ -66,9 +62,27 @@ PRIOR_SHARE = 0.01
 LARGEST_TARGET = 100.0
 """Friction beyond this many force units is no friction, however long it lasts."""
 
+SAMPLES_A_PRODUCT = 2
+"""Samples that pass before a fit is adopted, for each over-parameterised coefficient; at least an eighth of those
+learned from. A fit takes some 0.2 ms a coefficient, and a node that had to wait for it would be late."""
+
 VARIANCE_SHARE = 0.1
 """Share of the fit's variance with which rls goes on. With the whole of it rls, which takes the model's error for white
 noise, moves off again and needs five cycles to come back (condition b: 1.15 of the batch fit's error on the way)."""
+
+
+class Fit(threading.Thread):
+    """One fit, in a thread of its own; `proposal` when it has ended. No daemon: the interpreter's end waits for it."""
+
+    def __init__(self, model: Model, work: Workspace) -> None:
+        super().__init__(name="relinearise")
+        self._model, self._work = model, work
+        self.proposal = np.zeros_like(work.proposal)
+
+    def run(self) -> None:
+        """Fit; where the numbers allow no fit, propose nothing: rls goes on as it is."""
+        with contextlib.suppress(ArithmeticError, ValueError, MemoryError):
+            self.proposal = propose(self._model, self._work)
 
 
 class Relinearisation:
@@ -81,8 +95,7 @@ class Relinearisation:
 
     def __init__(self, model: Model) -> None:
         self._model = model
-        self._thread: threading.Thread | None = None
-        self._answer: list[Floats] = []
+        self._fit: Fit | None = None
 
     @staticmethod
     def arrays(model: Model, config: Config) -> tuple[Floats, Floats, int]:
@@ -101,36 +114,43 @@ class Relinearisation:
                 work.theta[:] = work.proposal[0]
                 work.root[:] = work.proposal[1:]
                 work.diagonal[:] = np.sum(np.square(work.root), axis=1)
-            status[DUE] = 2 * status[PROPOSED]
+                status[ADOPTED] += 1
+            status[DUE] = max(2 * status[PROPOSED], status[KEPT] + 1)
             status[PROPOSED] = 0
             return
-        status[PROPOSED] = status[LEARNED] - status[LEARNED_BEFORE]
-        status[STARTED] = status[SEEN] - status[SINCE]
-        status[DUE] = status[PROPOSED] + max(1, status[PROPOSED] // 8)
+        status[PROPOSED] = status[KEPT]
+        status[DUE] = status[KEPT] + max(status[KEPT] // 8, SAMPLES_A_PRODUCT * products(self._model))
         work.proposal[:] = 0.0
-        answer: list[Floats] = []
-        state = work.copy()
-        self._answer = answer
-        # No daemon: at the interpreter's end a fit is waited for, not torn off within a library.
-        self._thread = threading.Thread(
-            target=lambda: answer.append(propose(self._model, state)), name="relinearise", daemon=False
-        )
-        self._thread.start()
+        fit = Fit(self._model, work.copy())
+        try:
+            fit.start()
+            self._fit = fit
+        except RuntimeError:  # no thread to be had
+            fit.run()
+            work.proposal[:] = fit.proposal
 
     def settle(self, work: Workspace) -> None:
         """Wait for the fit that is under way, if any, and write what it proposes into `work.proposal`."""
-        if self._thread is None:
+        if self._fit is None:
             return
-        self._thread.join()
-        if work.status[PROPOSED] and self._answer:
-            work.proposal[:] = self._answer[0]
-        self._thread = None
+        self._fit.join()
+        if work.status[PROPOSED]:
+            work.proposal[:] = self._fit.proposal
+        self._fit = None
+
+
+def warm_up(model: Model) -> None:
+    """Compile what a fit runs, so that the first one does not wait for it."""
+    index, value = model.basis.rows(np.zeros(1))
+    extension = np.zeros((1, int(model.shape[-1])))
+    begins, out = np.ones(1, np.bool_), np.empty(1)
+    kernels.predict(index, value, np.zeros(1), extension, begins, out, model.shape, np.zeros(model.size))
 
 
 def propose(model: Model, work: Workspace) -> Floats:
     """Return theta and the square root of its covariance from a fit to the kept samples, (1 + n, n).
 
-    Zeros where there are too few samples or reversals, and where the fit is no better than what is, or out of range.
+    Zeros where there are too few samples, and where the fit is no better than what is, or out of range.
     """
     nothing = np.zeros_like(work.proposal)
     kept = Kept.of(model, work)
@@ -138,7 +158,7 @@ def propose(model: Model, work: Workspace) -> Floats:
     count = int(np.count_nonzero(used))
     taps = work.theta[: work.shape[TAPS]]
     length = float(np.linalg.norm(taps))
-    if count < model.size or not length > 0.0 or kept.reversals < FEWEST_REVERSALS:
+    if count < model.size or not length > 0.0:
         return nothing
     ridge = PRIOR_SHARE / (model.config.rls.initial_variance * count)
     moments = accumulate(model, [kept.inputs], kept.inputs.restart, used, ridge)
@@ -158,7 +178,7 @@ def propose(model: Model, work: Workspace) -> Floats:
 
 def predicts_better(model: Model, work: Workspace) -> bool:
     """Tell whether the proposal predicts what it has not seen better than rls, which went on learning, did."""
-    started = int(work.status[STARTED])
+    started = int(work.status[PROPOSED])
     kept = Kept.of(model, work, started)
     fresh = kept.used & (kept.place >= started) & kept.believed(kept.error)
     if not fresh.any():
@@ -175,56 +195,47 @@ class Kept:
     Attributes
     ----------
     inputs : as the compiled loop takes them.
-    used : (n,), those to fit: learned from, and no first samples of a block, which only fill the delay lines.
+    used : (n,), those to fit: not those that only fill the delay lines, and none of an impossible size.
     place : (n,), number of the sample since the start or the last alarm.
     error : (n,), what rls' prediction was off when the sample came, normalised.
-    velocity_m_s : (n,).
     """
 
     inputs: Inputs
     used: Bools
     place: Floats
     error: Floats
-    velocity_m_s: Floats
 
     @classmethod
     def of(cls, model: Model, work: Workspace, since: int = 0) -> "Kept":
         """Read the kept samples of a work space, or only the blocks that end at place `since` or later."""
-        status, taps = work.status, int(work.shape[TAPS])
-        seen = int(status[SEEN] - status[SINCE])
-        blocks = min(KEPT_BLOCKS, -(-seen // KEPT_BLOCK))
+        count, taps = int(work.status[KEPT]), int(work.shape[TAPS])
+        blocks = min(KEPT_BLOCKS, -(-count // KEPT_BLOCK))
         row = np.arange(blocks * KEPT_BLOCK) % KEPT_BLOCK
         valid = np.ones(row.size, np.bool_)
-        unfinished = seen % KEPT_BLOCK
-        if unfinished and status[SLOT] >= 0:  # the rest of this block is still that of the one before it
-            first = int(status[SLOT]) * KEPT_BLOCK
+        unfinished = count % KEPT_BLOCK
+        if unfinished and work.status[SLOT] >= 0:  # the rest of this block is still that of the one before it
+            first = int(work.status[SLOT]) * KEPT_BLOCK
             valid[first + unfinished : first + KEPT_BLOCK] = False
         newest = work.kept[: valid.size, KEPT_PLACE].reshape(blocks, KEPT_BLOCK).max(axis=1)
         valid &= np.repeat(newest >= since, KEPT_BLOCK)
         kept, row = work.kept[: valid.size][valid], row[valid]
-        begins = kept[:, KEPT_RESTART] > 0.0
+        joint = kept[:, KEPT_JOINT]
         index = np.arange(row.size)
-        filled = np.maximum.accumulate(np.where(begins, index, -1)) >= index - row
-        velocity = np.ascontiguousarray(kept[:, KEPT_VELOCITY])
-        places, values = model.basis.rows(velocity)
+        start = np.maximum.accumulate(np.where((row == 0) | (joint > CONTINUES), index, 0))
+        filled = (joint[start] == RESTARTS) | (index - start >= taps - 1)
+        target = kept[:, KEPT_TARGET]
+        possible = np.abs(target) < LARGEST_TARGET
+        places, values = model.basis.rows(np.ascontiguousarray(kept[:, KEPT_VELOCITY]))
         inputs = Inputs(
             index=places,
             value=values,
-            theory=kept[:, KEPT_THEORY],
-            extension=kept[:, KEPT_EXTENSION:],
-            target=kept[:, KEPT_TARGET],
-            restart=begins | (row == 0),
+            theory=np.ascontiguousarray(kept[:, KEPT_THEORY]),
+            extension=np.ascontiguousarray(kept[:, KEPT_EXTENSION:]),
+            target=np.where(possible, target, 0.0),
+            restart=start == index,
             inside=np.ones(row.size, np.bool_),
         )
-        used = (kept[:, KEPT_LEARNED] > 0.0) & (filled | (row >= taps - 1))
-        return cls(inputs, used, kept[:, KEPT_PLACE], kept[:, KEPT_ERROR], velocity)
-
-    @property
-    def reversals(self) -> int:
-        """How often the shaft changed its direction in what was kept; hovering about standstill does not count."""
-        velocity = self.velocity_m_s[np.argsort(self.place, kind="stable")]
-        fast = velocity[np.abs(velocity) > 0.1 * np.abs(velocity).max(initial=0.0)]
-        return int(np.count_nonzero(np.diff(np.sign(fast))))
+        return cls(inputs, filled & possible, kept[:, KEPT_PLACE], kept[:, KEPT_ERROR])
 
     def predicted(self, work: Workspace, theta: Floats) -> Floats:
         """Return what fixed parameters predict, (n,), normalised."""
@@ -241,5 +252,4 @@ class Kept:
         usual = float(np.median(np.abs(error[self.used]))) if self.used.any() else 0.0
         far = np.abs(error) > kernels.CLIP * 1.4826 * usual
         follows = far[1:] & far[:-1] & (np.diff(self.place) == 1.0)
-        alone = far & ~np.append(False, follows) & ~np.append(follows, False)
-        return np.asarray(~alone & (np.abs(self.inputs.target) < LARGEST_TARGET), np.bool_)
+        return np.asarray(~far | np.append(False, follows) | np.append(follows, False), np.bool_)

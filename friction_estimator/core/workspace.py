@@ -11,25 +11,22 @@ from friction_estimator.core.sample import Floats, Ints
 TAPS, WEIGHTS, THEORY_TAPS, EXTENSIONS = range(4)
 
 # Places in Workspace.status
-HEAD, SEEN, LEARNED, GUARDED, CLIPPED, OUTSIDE, ALARMED, SINCE, LEARNED_BEFORE, SLOT, DUE, PROPOSED, STARTED = range(13)
+HEAD, SEEN, LEARNED, GUARDED, CLIPPED, OUTSIDE, ALARMED, ADOPTED = range(8)
+KEPT, SLOT, BROKEN, REVERSALS, DIRECTION, DUE, PROPOSED = range(8, 15)
+STATUS_SIZE = 15
 
 # Places in Workspace.moments
-ERROR_POWER, QUIET_POWER, DIAGONAL_AGE, ALARM, BACKOFF = range(5)
+ERROR_POWER, QUIET_POWER, DIAGONAL_AGE, ALARM, BACKOFF, FASTEST, TOLERANCE = range(7)
 
 # Places in Workspace.law
 STEP, FLOOR, FORGETTING = range(3)
 
 # Columns of Workspace.kept; those of the extension terms follow
-(
-    KEPT_PLACE,
-    KEPT_VELOCITY,
-    KEPT_THEORY,
-    KEPT_TARGET,
-    KEPT_ERROR,
-    KEPT_RESTART,
-    KEPT_LEARNED,
-    KEPT_EXTENSION,
-) = range(8)
+KEPT_PLACE, KEPT_VELOCITY, KEPT_THEORY, KEPT_TARGET, KEPT_ERROR, KEPT_JOINT, KEPT_EXTENSION = range(7)
+
+CONTINUES, RESTARTS, JOINS = range(3)
+"""Values of KEPT_JOINT: the sample follows the one before it, restarts the delay lines, or follows something that was
+not kept, so that the first samples only fill them."""
 
 KEPT_BLOCK = 128
 """Consecutive samples that are kept or passed over together: the FIR's regressors need their neighbours."""
@@ -39,6 +36,9 @@ KEPT_BLOCKS = 64
 
 SAMPLES_A_PARAMETER = 10
 """Learned samples a parameter before the first fit to the kept samples."""
+
+FEWEST_REVERSALS = 2
+"""Of the shaft before anything is fitted: a fit to part of the first cycle says nothing of the rest."""
 
 
 @dataclass
@@ -57,12 +57,16 @@ class Workspace:
     prior : (n,), the metric of nlms; for rls the diagonal of P before the first sample, which no variance exceeds;
         (0,) for lms.
     law : (3,), constants of the law.
-    moments : (5,), running powers, the state of the alarm and of the back-off.
-    status : (13,) int64, counters.
-    kept : (rows, 7 + extension columns), a random sample, in blocks, of all that was seen since the start or the last
-        alarm, with the a priori errors; (0, 0) where nothing is fitted to it (see `relinearisation`).
-    proposal : (1 + n, n), theta and the square root of its covariance that a fit to `kept` proposes, adopted when
-        `status[DUE]` samples have been learned from; zeros where it proposes nothing. Not for the compiled loop.
+    moments : (7,), running powers, the state of the alarm and of the back-off, the largest speed learned from, the
+        factor on the alarm's ratio.
+    status : (15,) int64, counters. Those from KEPT on count from the start or the last alarm: samples learned from,
+        place of the present block in `kept` (-1: passed over), whether the next sample does not follow the one kept
+        last, reversals of the shaft, its direction, when the next fit is to be started or adopted, and how many samples
+        had been learned from when the fit under way was started (0: none).
+    kept : (rows, 6 + extension columns), a random sample, in blocks, of all that was learned from since the start or
+        the last alarm, with the a priori errors; (0, 0) where nothing is fitted to it (see `relinearisation`).
+    proposal : (1 + n, n), theta and the square root of its covariance that a fit to `kept` proposes; zeros where it
+        proposes nothing. Not for the compiled loop.
     """
 
     shape: Ints

@@ -216,7 +216,7 @@ def search(
         found = None
         if passing and len(causes) < MOST_CAUSES:
             progress(f"comparing causes {len(causes) + 1}", 0.2 + 0.2 * len(causes))
-            found = compare(record, config, context, model, losses[-1], passing, capacity, seed)
+            found = compare(record, config, context, model, losses[-1], passing, capacity, seed, causes)
         if wider is not None and lack > max(3.0 * thresholds[0], least, found[4] if found else 0.0):
             capacity = wider
             what = "a finer static curve" if wider.splines > SPLINES else "a longer memory"
@@ -257,6 +257,7 @@ def compare(
     passing: Sequence[Screened],
     capacity: Capacity,
     seed: int,
+    causes: Sequence[Cause],
 ) -> tuple[str, Joint, Floats, tuple[str, ...], float] | None:
     """Refit the best candidates jointly with base and earlier causes; return the winner and its equals."""
     top = [s for s in passing[:CANDIDATES] if s.gain > CONTENDER * passing[0].gain]
@@ -290,8 +291,9 @@ def compare(
     winner = _plainer(winner, gains, fits, sample_power(loss, record))
     # A recorded pressure that changed is preferred to an unrecorded cause that would have had to change with it, where
     # the order of pressures cannot separate the two (decision 0021).
-    measured = gains.get("pressure_dependence", 0.0) > MEASURED_SHARE * gains[winner]
-    if winner in ONE_ORDER and measured and pressure_order(record):
+    measured = gains.get("pressure_dependence", 0.0)
+    preferred = measured > MEASURED_SHARE * gains[winner] and _enough("pressure_dependence", measured, causes, 0.0)
+    if winner in ONE_ORDER and preferred and pressure_order(record):
         winner = "pressure_dependence"
     joint, lowest = fits[winner]
     for params in EFFECTS[winner].variants(joint.terms[-1].params):

@@ -60,7 +60,9 @@ def resolved(effect: Effect, clean: Trace, every: int, seed: int) -> Effect:
         value = effect_size / gain if gain > 0.0 else np.inf
         if not value <= key.high:
             raise ConfigError(f"effect {effect.name} cannot reach size={effect_size:g} on this drive")
-        return effect.with_values(**{key.name: value})
+        if abs(excess(value)) < 1e-6 * effect_size:
+            return effect.with_values(**{key.name: value})
+        # Another key brings a share of its own: the size is that of both together.
     low, high = _bracket(effect, key, excess)
     root = float(brentq(excess, low, high, rtol=1e-4, maxiter=60))
     # Where the change jumps (a sample falls into a gap) the two sides differ: the nearer one, in ratio.

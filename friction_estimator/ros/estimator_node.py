@@ -10,6 +10,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import SetBool, Trigger
 
+from friction_estimator.core import relinearisation
 from friction_estimator.core.config import PARAMETERS, Config
 from friction_estimator.core.derive import with_live_units
 from friction_estimator.core.errors import ConfigError, FrictionEstimatorError
@@ -288,7 +289,9 @@ def warm_up() -> None:
     """Compile the sample loops, so that the first sample is not late by seconds."""
     for model in ("hammerstein", "parallel"):
         config = with_live_units(Config.from_mapping({"model.type": model}))
-        stream = SampleStream(config, build(config), lambda *_: None)
+        estimator = build(config)
+        relinearisation.warm_up(estimator.model)
+        stream = SampleStream(config, estimator, lambda *_: None)
         for stamp_ns in (1, 2):
             stream.event(VELOCITY, stamp_ns, 0.01)
             stream.event(FRICTION, stamp_ns, 1.0)

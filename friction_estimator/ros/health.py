@@ -121,6 +121,8 @@ class Health:
                 "learned from": health.learned,
                 "divergence guard": health.guarded,
                 "outliers clipped": health.clipped,
+                "abrupt changes": health.alarmed,
+                "fits to the past adopted": health.adopted,
                 "outside velocity range": health.outside,
                 "velocity range (m/s)": str(list(running.basis.velocity_range)),
                 "force unit (N)": f"{running.force_unit:g}",

@@ -15,6 +15,8 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from friction_estimator.threads import one_thread
+
 SPIN_S = 0.1
 """Longest wait in one turn of the spin loop: bounds how late a signal is noticed."""
 
@@ -48,6 +50,7 @@ class StopSignals:
 def main() -> None:
     """Run the node until SIGINT or SIGTERM; end the process with 0, or 2 for unusable arguments."""
     signals = StopSignals()
+    one_thread()
     try:
         code = _run(sys.argv, signals)
     except Stopped:
