@@ -1,13 +1,17 @@
 """Fixtures that several rooms share."""
 
-import os
+import signal
 from pathlib import Path
 
 import pytest
 
-# Before a test brings in numpy: on matrices of a hundred columns the threads of linear algebra spin, and slow all down.
-for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")
+from friction_estimator.threads import one_thread
+
+one_thread()  # before a test brings in numpy
+
+# A shell that starts the suite in the background has it ignore SIGINT, and every child inherits that.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 SHARED = Path(__file__).parents[1].parent / "shared" / "data"
 
