@@ -3,10 +3,15 @@
 python pairs.py [--seconds 60] [--rounds 3] [--round-seconds 10]
 """
 
+# ruff: noqa: E402 - the number of threads is set before numpy comes in
 import argparse
 import statistics
 import tempfile
 from pathlib import Path
+
+from friction_estimator.threads import one_thread
+
+one_thread()  # as the node does, or the replay beside it differs in last bits
 
 import numpy as np
 from common import HERE, Load, rows, write_section
