@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, solve_triangular
+from scipy.linalg import cho_factor, solve_triangular
 
 from friction_estimator.core import kernels
 from friction_estimator.core.config import Config
@@ -150,7 +150,8 @@ def warm_up(model: Model) -> None:
 def propose(model: Model, work: Workspace) -> Floats:
     """Return theta and the square root of its covariance from a fit to the kept samples, (1 + n, n).
 
-    Zeros where there are too few samples, and where the fit is no better than what is, or out of range.
+    Zeros where there are too few samples, and where the fit is no better than what is, or out of range. Raises
+    LinAlgError where the kept samples do not determine a covariance.
     """
     nothing = np.zeros_like(work.proposal)
     kept = Kept.of(model, work)
@@ -166,10 +167,7 @@ def propose(model: Model, work: Workspace) -> Floats:
     if not moments.cost(theta) < (1.0 - LEAST_GAIN) * moments.cost(work.theta):
         return nothing
     known = count * moments.gauss_newton(theta, ridge=False) + np.diag(1.0 / work.prior)
-    try:
-        factor, _ = cho_factor(known, lower=True)
-    except LinAlgError:
-        return nothing
+    factor, _ = cho_factor(known, lower=True)
     # known = L L', so P = S S' with S = sqrt(share) L'^-1.
     root = np.sqrt(VARIANCE_SHARE) * solve_triangular(factor, np.eye(model.size), lower=True).T
     proposal = np.concatenate([theta[None], root])

@@ -257,9 +257,10 @@ def _line(axes: Axes, x: Floats, y: Floats, used: Bools, color: str, label: str)
         return
     even = np.linspace(float(x[used].min()), float(x[used].max()), BINS + 1)
     held = np.histogram(x[used], even)[0] > 0.002 * used.sum()
-    few = np.count_nonzero(np.diff(held.astype(int)) > 0) + int(held[0]) <= LEVELS and held.mean() < 0.2
+    change = np.diff(held.astype(int))
+    starts, ends = np.flatnonzero(change > 0), np.flatnonzero(change < 0)
+    few = starts.size + int(held[0]) <= LEVELS and held.mean() < 0.2
     if few:  # edges in the middle of the empty stretches between levels
-        starts, ends = np.flatnonzero(np.diff(held.astype(int)) > 0), np.flatnonzero(np.diff(held.astype(int)) < 0)
         gaps = [0.5 * (even[a + 1] + even[b + 1]) for a in ends for b in starts[starts >= a][:1]]
         edges = np.array([even[0], *gaps, even[-1]])
     else:
