@@ -11,9 +11,9 @@ from typing import Any
 
 import yaml
 
-from friction_estimator.core.config import Config
 from friction_estimator.core.errors import ConfigError, InputError
-from friction_estimator.core.setting import Value
+from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.setting import Value
 
 _PATH_PARAMETERS = ("theory.table", "state.file")
 

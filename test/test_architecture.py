@@ -26,6 +26,16 @@ ALLOWED = {
     "__init__": set(),
 }
 
+# inside core, room: rooms it may use; "top" are the modules at the top of core, the foundation of all
+ALLOWED_IN_CORE = {
+    "top": set(),
+    "settings": {"top"},
+    "intake": {"settings", "top"},
+    "model": {"settings", "top"},
+    "fit": {"model", "settings", "top"},
+    "online": {"fit", "model", "intake", "settings", "top"},
+}
+
 HOME = {"rclpy": {"ros"}, "rosbags": {"bag"}, "matplotlib": {"report"}}
 
 MODULES = sorted(PACKAGE.rglob("*.py"))
@@ -55,6 +65,23 @@ def test_imports_follow_the_arrows(path):
             assert rest[0] == room or rest[0] in ALLOWED[room], f"{path.name} in {room}/ imports {name}"
         if top in HOME:
             assert room in HOME[top], f"{path.name} in {room}/ imports {top}"
+
+
+CORE = PACKAGE / "core"
+
+
+@pytest.mark.parametrize("path", sorted(CORE.rglob("*.py")), ids=lambda p: str(p.relative_to(CORE)))
+def test_imports_inside_core_follow_the_arrows(path):
+    within = path.relative_to(CORE).parts[:-1]
+    room = within[0] if within else "top"
+    assert room in ALLOWED_IN_CORE, f"core/{room} is a new room: say in this test what it may use"
+    for name in imports_of(path):
+        top, *rest = name.split(".")
+        if top != "friction_estimator":
+            continue
+        assert rest[0] == "core", f"{path.name} in core/ imports {name}"
+        other = rest[1] if (CORE / rest[1]).is_dir() else "top"
+        assert other == room or other in ALLOWED_IN_CORE[room], f"{path.name} in core/{room} imports {name}"
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))

@@ -20,10 +20,10 @@ from friction_estimator.bag.serialise import sample_template, typestore
 from friction_estimator.bag.source import Source, Topic
 from friction_estimator.bag.topics import assign
 from friction_estimator.bag.write import TOPICS, write_samples, writing
-from friction_estimator.core.config import Config, InputConfig
 from friction_estimator.core.errors import FrictionEstimatorError, InputError, UnanswerableError
-from friction_estimator.core.pairing import FRICTION, PRESSURE, VELOCITY
+from friction_estimator.core.intake.pairing import FRICTION, PRESSURE, VELOCITY
 from friction_estimator.core.sample import NS_PER_S, Samples
+from friction_estimator.core.settings.config import Config, InputConfig
 
 START = 1_700_000_000 * NS_PER_S
 MS = 1_000_000

@@ -14,9 +14,9 @@ from friction_estimator.bag.read import read_recording
 from friction_estimator.bag.samples import to_samples
 from friction_estimator.bag.table import GAP_PERIODS, RESTART_GAP_S, TableSpec, read_table
 from friction_estimator.bag.write import write_samples
-from friction_estimator.core.config import Config
 from friction_estimator.core.errors import InputError, UnanswerableError
 from friction_estimator.core.sample import NS_PER_S
+from friction_estimator.core.settings.config import Config
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 SPEC = TableSpec("t", {"velocity": "v", "friction": "f"})

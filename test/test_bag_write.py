@@ -16,9 +16,9 @@ from friction_estimator.bag.samples import to_samples
 from friction_estimator.bag.serialise import array_template, sample_template, typestore
 from friction_estimator.bag.source import Source
 from friction_estimator.bag.write import STORAGES, TOPICS, add_results, write_samples, writing
-from friction_estimator.core.config import Config
 from friction_estimator.core.errors import InputError
 from friction_estimator.core.sample import NS_PER_S, Samples
+from friction_estimator.core.settings.config import Config
 
 START = 1_700_000_000 * NS_PER_S
 MS = 1_000_000

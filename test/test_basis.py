@@ -6,9 +6,9 @@ import pywt
 from hypothesis import given
 from hypothesis import strategies as st
 
-from friction_estimator.core.basis import BASES, WaveletBasis, basis_from_config, dyadic_table
-from friction_estimator.core.config import PARAMETERS, BasisConfig, Config
 from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.model.basis import BASES, WaveletBasis, basis_from_config, dyadic_table
+from friction_estimator.core.settings.config import PARAMETERS, BasisConfig, Config
 
 ORDERS = range(1, 9)
 

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from friction_estimator.core.batch import fit_batch, on_gauge, predict
-from friction_estimator.core.config import Config
 from friction_estimator.core.errors import ConfigError, UnanswerableError
-from friction_estimator.core.estimator import Estimator
-from friction_estimator.core.model import Model
-from friction_estimator.core.moments import gather
+from friction_estimator.core.fit.batch import fit_batch, on_gauge, predict
+from friction_estimator.core.fit.moments import gather
+from friction_estimator.core.fit.variable_projection import reduced_hessian, refine
+from friction_estimator.core.model.structure import Model
+from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.sample import Samples
-from friction_estimator.core.variable_projection import reduced_hessian, refine
+from friction_estimator.core.settings.config import Config
 
 REACH = 0.1
 

@@ -11,11 +11,11 @@ from friction_estimator.bag.read import read_recording
 from friction_estimator.bag.samples import to_samples
 from friction_estimator.bag.write import write_samples
 from friction_estimator.cli.main import main
-from friction_estimator.core.batch import predict
-from friction_estimator.core.config import Config
+from friction_estimator.core.fit.batch import predict
 from friction_estimator.core.metrics import nrmse
-from friction_estimator.core.model import Model
+from friction_estimator.core.model.structure import Model
 from friction_estimator.core.sample import Samples
+from friction_estimator.core.settings.config import Config
 from friction_estimator.files import read_config
 
 DEMO = Path(__file__).parents[1] / "bags" / "demo"

@@ -8,7 +8,7 @@ import pytest
 from friction_estimator.bag.read import read_recording
 from friction_estimator.bag.samples import to_samples
 from friction_estimator.cli.main import main
-from friction_estimator.core.config import Config
+from friction_estimator.core.settings.config import Config
 
 TABLE = """t_ms,v_mm_s,F_N,p_Pa,seal,piece
 0,10,1,5e5,O,1

@@ -12,10 +12,10 @@ from friction_estimator.bag.samples import to_samples
 from friction_estimator.bag.source import Source
 from friction_estimator.bag.write import RecordingWriter, write_samples, writing
 from friction_estimator.cli.main import main
-from friction_estimator.core.config import Config
-from friction_estimator.core.derive import usual_magnitude, with_live_units, with_recorded_units
-from friction_estimator.core.replay import replay
+from friction_estimator.core.online.replay import replay
 from friction_estimator.core.sample import Samples
+from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.derive import usual_magnitude, with_live_units, with_recorded_units
 from friction_estimator.files import read_config
 
 ROOT = Path(__file__).parents[1]

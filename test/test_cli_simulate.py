@@ -11,10 +11,10 @@ from friction_estimator.bag.read import read_recording
 from friction_estimator.bag.samples import to_samples
 from friction_estimator.cli.main import main
 from friction_estimator.cli.simulate import write_recording
-from friction_estimator.core.config import Config
-from friction_estimator.core.derive import with_recorded_units
 from friction_estimator.core.metrics import nrmse
-from friction_estimator.core.replay import replay, with_learned
+from friction_estimator.core.online.replay import replay, with_learned
+from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.derive import with_recorded_units
 from friction_estimator.effects import EFFECTS, parse_effect
 from friction_estimator.files import write_config
 from friction_estimator.rig.drive import parse_schedule, segment

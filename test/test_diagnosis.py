@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from friction_estimator.cli.main import main
-from friction_estimator.core.config import Config
 from friction_estimator.core.errors import UnanswerableError
-from friction_estimator.core.replay import replay
+from friction_estimator.core.online.replay import replay
 from friction_estimator.core.sample import Samples
+from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.diagnose import Diagnosis, diagnose
 from friction_estimator.diagnosis.extend import extended_config
 from friction_estimator.diagnosis.summary import as_json, sentences

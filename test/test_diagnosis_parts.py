@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from friction_estimator.core.config import Config
 from friction_estimator.core.sample import Samples
+from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis import quality, streams
 from friction_estimator.diagnosis.base import OddCurve, fit_base
 from friction_estimator.diagnosis.evidence import Evidence, Rule, folds_of, null_maximum

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from friction_estimator.core.config import Config
 from friction_estimator.core.errors import ConfigError
-from friction_estimator.core.replay import replay
+from friction_estimator.core.online.replay import replay
 from friction_estimator.core.sample import Samples
+from friction_estimator.core.settings.config import Config
 from friction_estimator.effects import extension_from_config
 from friction_estimator.effects.extension import ExtensionTerms, parse_term
 from friction_estimator.rig.drive import segment

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from friction_estimator.core import workspace
-from friction_estimator.core.adaptation import LAWS
-from friction_estimator.core.config import Config
-from friction_estimator.core.derive import with_recorded_units
 from friction_estimator.core.errors import ConfigError
-from friction_estimator.core.estimator import Estimator
 from friction_estimator.core.metrics import by_cycle, drive_cycles, nrmse, nrmse_persistence
-from friction_estimator.core.model import Model
+from friction_estimator.core.model.prediction import TAPS
+from friction_estimator.core.model.structure import Model
+from friction_estimator.core.online.adaptation import LAWS
+from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.sample import Samples
+from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.derive import with_recorded_units
 from friction_estimator.rig.drive import CONDITIONS, segment
 from friction_estimator.rig.simulate import Scenario, simulate
 
@@ -106,7 +106,7 @@ def test_regressor_is_the_gradient_of_the_prediction(model_type):
     start = estimator_for(samples, model__type=model_type, model__law="lms", lms__step_size=1e-9)
     rng = np.random.default_rng(3)
     theta = rng.standard_normal(start.model.size) * 0.3
-    taps = start.model.shape[workspace.TAPS]
+    taps = start.model.shape[TAPS]
     theta[:taps] /= np.linalg.norm(theta[:taps])
     state = start.state()
 
@@ -142,7 +142,7 @@ def test_lms_is_the_papers_algorithm_to_the_letter():
     psi = model.basis.dense(samples.velocity_m_s)
     d = model.theoretical_friction(samples) / estimator.config.force_unit
     f = samples.friction_N / estimator.config.force_unit
-    order = model.shape[workspace.TAPS]
+    order = model.shape[TAPS]
     a2, w, a1 = np.eye(order)[0], np.zeros(model.basis.size), np.eye(order)[0]
     expected = np.empty(len(samples))
     for k in range(len(samples)):

@@ -3,8 +3,8 @@
 import pytest
 import yaml
 
-from friction_estimator.core.config import Config
 from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.settings.config import Config
 from friction_estimator.files import atomic_path, read_config, read_parameters, write_config
 
 

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from friction_estimator.core.config import Config
-from friction_estimator.core.derive import with_live_units
-from friction_estimator.core.estimator import Estimator
-from friction_estimator.core.intake import Intake
-from friction_estimator.core.live import LiveStep
+from friction_estimator.core.intake.admission import Intake
+from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.core.online.live import LiveStep
+from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.derive import with_live_units
 
 
 def events(seed, count=400):

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from friction_estimator.core.config import Config, SyncConfig
-from friction_estimator.core.intake import Intake
-from friction_estimator.core.pairing import FRICTION, POSITION, PRESSURE, VELOCITY, Pairer, Sequencer
+from friction_estimator.core.intake.admission import Intake
+from friction_estimator.core.intake.pairing import FRICTION, POSITION, PRESSURE, VELOCITY, Pairer, Sequencer
+from friction_estimator.core.settings.config import Config, SyncConfig
 
 MS = 1_000_000
 

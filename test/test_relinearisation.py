@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from friction_estimator.core import relinearisation, workspace
-from friction_estimator.core.batch import fit_batch
-from friction_estimator.core.config import Config
-from friction_estimator.core.derive import with_recorded_units
 from friction_estimator.core.errors import ConfigError
-from friction_estimator.core.estimator import Estimator
-from friction_estimator.core.intake import Intake
-from friction_estimator.core.live import LiveStep
-from friction_estimator.core.pairing import FRICTION, VELOCITY
-from friction_estimator.core.relinearisation import Kept
+from friction_estimator.core.fit.batch import fit_batch
+from friction_estimator.core.intake.admission import Intake
+from friction_estimator.core.intake.pairing import FRICTION, VELOCITY
+from friction_estimator.core.online import relinearisation, workspace
+from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.core.online.live import LiveStep
+from friction_estimator.core.online.relinearisation import Kept
+from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.derive import with_recorded_units
 from friction_estimator.rig.drive import CONDITIONS, segment
 from friction_estimator.rig.simulate import Scenario, simulate
 

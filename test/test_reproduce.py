@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from friction_estimator.cli.main import main
-from friction_estimator.core.adaptation import LAWS
-from friction_estimator.core.model import Model, Parameters
-from friction_estimator.core.moments import gather
+from friction_estimator.core.fit.moments import gather
+from friction_estimator.core.model.structure import Model, Parameters
+from friction_estimator.core.online.adaptation import LAWS
 from friction_estimator.paper import convergence, landscape, structure
 from friction_estimator.paper.claims import below, geometric_mean, share, verdict
 from friction_estimator.paper.study import BATCH, MODELS, Outcome, Plan, Study, derived, record, run_recording

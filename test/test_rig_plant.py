@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from friction_estimator.core.batch import predict
-from friction_estimator.core.config import Config, SealConfig
-from friction_estimator.core.derive import with_recorded_units
-from friction_estimator.core.model import Model
-from friction_estimator.core.moments import gather
-from friction_estimator.core.theory_seal import SealCurve
-from friction_estimator.core.variable_projection import refine
+from friction_estimator.core.fit.batch import predict
+from friction_estimator.core.fit.moments import gather
+from friction_estimator.core.fit.variable_projection import refine
+from friction_estimator.core.model.structure import Model
+from friction_estimator.core.model.theory_seal import SealCurve
+from friction_estimator.core.settings.config import Config, SealConfig
+from friction_estimator.core.settings.derive import with_recorded_units
 from friction_estimator.rig.drive import CONDITIONS, segment
 from friction_estimator.rig.plant import CLEAN_TAPS, PLANTS, CleanPlant, RigPlant
 from friction_estimator.rig.simulate import Scenario, clean_trace, simulate

@@ -14,11 +14,11 @@ from sensor_msgs.msg import FluidPressure, JointState, Temperature
 from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
-from friction_estimator.core.config import Config
-from friction_estimator.core.derive import with_live_units
-from friction_estimator.core.estimator import Estimator
-from friction_estimator.core.intake import Intake
-from friction_estimator.core.pairing import FRICTION, VELOCITY
+from friction_estimator.core.intake.admission import Intake
+from friction_estimator.core.intake.pairing import FRICTION, VELOCITY
+from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.derive import with_live_units
 
 pytestmark = pytest.mark.ros
 PREDICTED, RESIDUAL = "/friction_estimator/friction_predicted", "/friction_estimator/residual"
@@ -173,7 +173,7 @@ def test_a_lost_unstamped_velocity_costs_one_sample():
 
 
 FAULTY = """
-from friction_estimator.core import live
+from friction_estimator.core.online import live
 from friction_estimator.ros import node
 
 step, calls = live.LiveStep._step, []

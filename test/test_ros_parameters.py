@@ -13,7 +13,7 @@ from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter as RosParameter
 
-from friction_estimator.core.config import PARAMETERS
+from friction_estimator.core.settings.config import PARAMETERS
 from friction_estimator.ros import parameter_file
 from friction_estimator.ros.arguments import beside_its_file, repaired
 
@@ -290,7 +290,7 @@ def test_mixed_arrays_are_made_doubles(tmp_path):
 def test_parameter_file_is_up_to_date():
     """config/estimator.yaml is what parameter_file writes, and holds the defaults."""
     assert CONFIG.read_text() == parameter_file.text()
-    from friction_estimator.core.config import Config
+    from friction_estimator.core.settings.config import Config
     from friction_estimator.files import read_config
 
     assert read_config(CONFIG) == Config()

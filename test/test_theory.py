@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from friction_estimator.core.config import PARAMETERS, Config, SealConfig
 from friction_estimator.core.errors import ConfigError
-from friction_estimator.core.theory import THEORIES, theory_from_config
-from friction_estimator.core.theory_seal import SealCurve
-from friction_estimator.core.theory_table import COLUMNS
+from friction_estimator.core.model.theory import THEORIES, theory_from_config
+from friction_estimator.core.model.theory_seal import SealCurve
+from friction_estimator.core.model.theory_table import COLUMNS
+from friction_estimator.core.settings.config import PARAMETERS, Config, SealConfig
 
 anything = arrays.arrays(np.float64, 7, elements=st.floats(-1e9, 1e9) | st.sampled_from([math.nan, math.inf, 0.1]))
 

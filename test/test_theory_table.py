@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from friction_estimator.core.config import Config
 from friction_estimator.core.errors import ConfigError
-from friction_estimator.core.theory import theory_from_config
-from friction_estimator.core.theory_table import COLUMNS, Grid, TableCurve, read_table
+from friction_estimator.core.model.theory import theory_from_config
+from friction_estimator.core.model.theory_table import COLUMNS, Grid, TableCurve, read_table
+from friction_estimator.core.settings.config import Config
 
 HEADER = ",".join(COLUMNS)
 finite = st.floats(-1e3, 1e3)

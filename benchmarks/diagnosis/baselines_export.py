@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from cases import hidden, record, record_ar
 
-from friction_estimator.core.config import Config
+from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base import fit_base
 from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.diagnosis.joint import fit_joint

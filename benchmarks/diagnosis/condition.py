@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 from cases import hidden, record
 
-from friction_estimator.core.config import Config
-from friction_estimator.core.replay import replay
+from friction_estimator.core.online.replay import replay
+from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.diagnosis.extend import extended_config
 from friction_estimator.effects import extension_from_config

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from cases import CATALOGUE, hidden, record, record_ar
 
-from friction_estimator.core.config import Config
+from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.diagnose import Diagnosis, diagnose
 from friction_estimator.effects import EFFECTS
 from friction_estimator.rig.simulate import Simulation

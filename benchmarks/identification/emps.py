@@ -18,13 +18,13 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import curve_fit
 
-from friction_estimator.core.adaptation import LAWS
-from friction_estimator.core.batch import fit_batch
-from friction_estimator.core.config import Config
-from friction_estimator.core.derive import with_recorded_units
+from friction_estimator.core.fit.batch import fit_batch
 from friction_estimator.core.metrics import nrmse
-from friction_estimator.core.replay import replay
+from friction_estimator.core.online.adaptation import LAWS
+from friction_estimator.core.online.replay import replay
 from friction_estimator.core.sample import Samples
+from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.derive import with_recorded_units
 from friction_estimator.files import write_text
 
 HERE = Path(__file__).parent

@@ -20,11 +20,11 @@ from pathlib import Path
 import numpy as np
 
 from friction_estimator.cli.common import progress
-from friction_estimator.core.batch import fit_batch
-from friction_estimator.core.config import Config
-from friction_estimator.core.derive import with_recorded_units
-from friction_estimator.core.estimator import Estimator
+from friction_estimator.core.fit.batch import fit_batch
 from friction_estimator.core.metrics import drive_cycles
+from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.derive import with_recorded_units
 from friction_estimator.files import read_config, write_text
 from friction_estimator.rig.drive import CONDITIONS, segment
 from friction_estimator.rig.simulate import Scenario, simulate

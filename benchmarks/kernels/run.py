@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from friction_estimator.core import kernels
-from friction_estimator.core.config import Config
-from friction_estimator.core.derive import with_recorded_units
-from friction_estimator.core.estimator import Estimator
+from friction_estimator.core.online import kernels
+from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.sample import Samples
+from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.derive import with_recorded_units
 
 HERE = Path(__file__).parent
 SAMPLES = 20_000

@@ -17,10 +17,10 @@ import numpy as np
 from common import HERE, Load, rows, write_section
 from ros_graph import RELIABLE, Graph, Process, graph
 
-from friction_estimator.core.config import Config
-from friction_estimator.core.derive import with_live_units
-from friction_estimator.core.estimator import Estimator
-from friction_estimator.core.intake import Intake
+from friction_estimator.core.intake.admission import Intake
+from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.derive import with_live_units
 
 
 def start(made: Graph, variant: str) -> Process:

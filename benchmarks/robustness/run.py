@@ -14,14 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
-from friction_estimator.core import kernels
-from friction_estimator.core.adaptation import LAWS
-from friction_estimator.core.config import Config
-from friction_estimator.core.derive import with_recorded_units
-from friction_estimator.core.estimator import Estimator
-from friction_estimator.core.intake import Intake
-from friction_estimator.core.pairing import FRICTION, VELOCITY
+from friction_estimator.core.intake.admission import Intake
+from friction_estimator.core.intake.pairing import FRICTION, VELOCITY
+from friction_estimator.core.model.structure import LARGEST_PARAMETER
+from friction_estimator.core.online.adaptation import LAWS
+from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.sample import Samples
+from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.derive import with_recorded_units
 
 HERE = Path(__file__).parent
 BLOCK = 200_000
@@ -116,7 +116,7 @@ def run_one(seed: int, samples: int) -> tuple[str, dict[str, object], str, float
         stamp, v, f = machine.block(min(block, samples - machine.done))
     nrmse = float(np.sqrt(error_power / spread)) if spread else 0.0
     size = float(np.linalg.norm(theta))
-    fault = "diverged" if nrmse > LIMIT else "large parameters" if size >= kernels.LARGEST_PARAMETER else ""
+    fault = "diverged" if nrmse > LIMIT else "large parameters" if size >= LARGEST_PARAMETER else ""
     return law, values, fault, nrmse, size
 
 

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from friction_estimator.bag.read import Recording
-from friction_estimator.core.config import Config
 from friction_estimator.core.errors import UnanswerableError
-from friction_estimator.core.intake import Intake
+from friction_estimator.core.intake.admission import Intake
 from friction_estimator.core.sample import NS_PER_S, Samples
+from friction_estimator.core.settings.config import Config
 
 CHUNK = 65536
 """Events paired at a time."""

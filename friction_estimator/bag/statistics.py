@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from friction_estimator.bag.read import Stream
-from friction_estimator.core.config import SyncConfig
 from friction_estimator.core.sample import NS_PER_S, Floats
+from friction_estimator.core.settings.config import SyncConfig
 
 MOVING = 0.15
 """Share of the top speed above which the shaft counts as moving."""

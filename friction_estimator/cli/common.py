@@ -13,8 +13,8 @@ from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from typing import Any, NoReturn, Protocol
 
-from friction_estimator.core.config import Config
 from friction_estimator.core.errors import FrictionEstimatorError, InputError
+from friction_estimator.core.settings.config import Config
 from friction_estimator.files import read_config, write_text
 
 PROGRAM = "friction_estimator"

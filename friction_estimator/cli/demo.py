@@ -21,12 +21,12 @@ from friction_estimator.cli import common
 from friction_estimator.cli.recorded import Loaded
 from friction_estimator.cli.replay import SCHEMA, summarise
 from friction_estimator.cli.results import write_results
-from friction_estimator.core.config import Config
-from friction_estimator.core.derive import with_recorded_units
 from friction_estimator.core.errors import FrictionEstimatorError
 from friction_estimator.core.metrics import nrmse
-from friction_estimator.core.replay import replay
+from friction_estimator.core.online.replay import replay
 from friction_estimator.core.sample import Samples
+from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.derive import with_recorded_units
 from friction_estimator.files import write_config
 from friction_estimator.ros.listener import Listener
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from friction_estimator.cli import common
-from friction_estimator.core.config import Config
 from friction_estimator.core.errors import UnanswerableError
 from friction_estimator.core.sample import Samples
+from friction_estimator.core.settings.config import Config
 
 if TYPE_CHECKING:
     from friction_estimator.diagnosis.quality import Finding

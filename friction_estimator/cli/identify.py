@@ -10,12 +10,12 @@ import numpy as np
 from friction_estimator.cli import common
 from friction_estimator.cli.recorded import Loaded, add_run_options, load
 from friction_estimator.cli.replay import summarise
-from friction_estimator.core.adaptation import LAWS
-from friction_estimator.core.batch import BatchFit, fit_batch
 from friction_estimator.core.errors import ConfigError
-from friction_estimator.core.estimator import Estimator
+from friction_estimator.core.fit.batch import BatchFit, fit_batch
 from friction_estimator.core.metrics import nrmse
-from friction_estimator.core.replay import Replay, check_answerable, replay
+from friction_estimator.core.online.adaptation import LAWS
+from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.core.online.replay import Replay, check_answerable, replay
 from friction_estimator.core.sample import Bools
 from friction_estimator.effects.extension import extension_from_config
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from friction_estimator.bag.samples import Admitted
     from friction_estimator.bag.source import Topic
     from friction_estimator.bag.statistics import StreamStatistics
-    from friction_estimator.core.config import Config
+    from friction_estimator.core.settings.config import Config
 
 SCHEMA = "friction_estimator/info/1"
 

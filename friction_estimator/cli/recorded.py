@@ -8,9 +8,9 @@ from typing import Any
 from friction_estimator.bag.read import Recording, read_recording
 from friction_estimator.bag.samples import Admitted, to_samples
 from friction_estimator.cli import common
-from friction_estimator.core.config import PARAMETERS, Config
-from friction_estimator.core.derive import with_recorded_units
 from friction_estimator.core.sample import Samples
+from friction_estimator.core.settings.config import PARAMETERS, Config
+from friction_estimator.core.settings.derive import with_recorded_units
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from typing import Any
 
 from friction_estimator.cli import common
 from friction_estimator.cli.recorded import Loaded, add_run_options, load
-from friction_estimator.core.replay import Replay, replay
+from friction_estimator.core.online.replay import Replay, replay
 from friction_estimator.effects.extension import extension_from_config
 
 SCHEMA = "friction_estimator/replay/1"

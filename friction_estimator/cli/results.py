@@ -10,7 +10,7 @@ from friction_estimator.bag.read import Recording
 from friction_estimator.bag.source import Source
 from friction_estimator.bag.write import add_results, writing
 from friction_estimator.cli.common import to_json
-from friction_estimator.core.replay import Replay, with_learned
+from friction_estimator.core.online.replay import Replay, with_learned
 from friction_estimator.core.sample import Floats, Ints
 from friction_estimator.files import atomic_path, write_config, write_text
 from friction_estimator.report.figures import write_figures

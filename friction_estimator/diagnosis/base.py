@@ -14,9 +14,9 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_factor, cho_solve
 
-from friction_estimator.core.config import Config
+from friction_estimator.core.model.theory import TheoryCurve, theory_from_config
 from friction_estimator.core.sample import Bools, Floats
-from friction_estimator.core.theory import TheoryCurve, theory_from_config
+from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.products import inner
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.effects.extension import theory_parts

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import t as student
 
-from friction_estimator.core.config import Config
 from friction_estimator.core.sample import Bools, Floats, Ints, Samples
+from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base import BaseFit
 from friction_estimator.diagnosis.excitation import Excitation, assess
 from friction_estimator.diagnosis.floor import Burst, find_burst, noise_floor

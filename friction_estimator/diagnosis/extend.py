@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from friction_estimator.core.basis import basis_from_config
-from friction_estimator.core.config import Config
-from friction_estimator.core.derive import with_recorded_units
-from friction_estimator.core.model import theory_scale
+from friction_estimator.core.model.basis import basis_from_config
+from friction_estimator.core.model.structure import theory_scale
 from friction_estimator.core.sample import Floats
+from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.derive import with_recorded_units
 from friction_estimator.diagnosis.base import BEND, BaseFit
 from friction_estimator.diagnosis.diagnose import Diagnosis
 from friction_estimator.diagnosis.joint import Joint

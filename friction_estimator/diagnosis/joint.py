@@ -7,8 +7,8 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.stats import t as student
 
-from friction_estimator.core.config import Config
 from friction_estimator.core.sample import Floats
+from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base import SPLINES, BaseFit, fit_base, reference_of
 from friction_estimator.diagnosis.evidence import Evidence, folds_of
 from friction_estimator.diagnosis.library import columns_of, with_running_force

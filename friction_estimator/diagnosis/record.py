@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from friction_estimator.core.config import Config
 from friction_estimator.core.errors import UnanswerableError
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Ints, Samples
+from friction_estimator.core.settings.config import Config
 from friction_estimator.effects.extension import sign_velocity
 from friction_estimator.effects.features import Context, FeatureMaker, Features
 

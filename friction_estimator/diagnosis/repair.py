@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from friction_estimator.core.config import Config
 from friction_estimator.core.errors import UnanswerableError
 from friction_estimator.core.sample import Floats
+from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis import quality
 from friction_estimator.diagnosis.base import BaseFit, fit_base, reference_of
 from friction_estimator.diagnosis.joint import Joint

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from friction_estimator.core.config import Config
 from friction_estimator.core.sample import Floats
+from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base import SPLINES, OddCurve, fit_base, lagged, piece_starts
 from friction_estimator.diagnosis.evidence import Evidence, Fit, Moments, Rule, null_maximum
 from friction_estimator.diagnosis.excitation import pressure_order

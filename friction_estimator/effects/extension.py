@@ -10,13 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from friction_estimator.core.basis import basis_from_config
-from friction_estimator.core.config import Config
 from friction_estimator.core.errors import ConfigError
-from friction_estimator.core.model import theory_scale
+from friction_estimator.core.model.basis import basis_from_config
+from friction_estimator.core.model.structure import theory_scale
+from friction_estimator.core.model.theory import theory_from_config
+from friction_estimator.core.model.theory_seal import SealCurve
 from friction_estimator.core.sample import Floats, Samples
-from friction_estimator.core.theory import theory_from_config
-from friction_estimator.core.theory_seal import SealCurve
+from friction_estimator.core.settings.config import Config
 from friction_estimator.effects.base import EFFECTS, Columns, Effect, RunningForce
 from friction_estimator.effects.features import FeatureMaker
 from friction_estimator.effects.reference import Reference, Surface

@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from friction_estimator.core.adaptation import LAWS
-from friction_estimator.core.estimator import Estimator
 from friction_estimator.core.metrics import drive_cycles, nrmse
+from friction_estimator.core.online.adaptation import LAWS
+from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.paper.claims import Claim, Interval, below, geometric_mean, listed, share, verdict
 from friction_estimator.paper.study import BATCH, Plan, Study, derived, record, static_curves
 from friction_estimator.rig.drive import CONDITIONS

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
-from friction_estimator.core.batch import start_taps
-from friction_estimator.core.estimator import Estimator
-from friction_estimator.core.model import Model
-from friction_estimator.core.moments import Moments, gather, solve
+from friction_estimator.core.fit.batch import start_taps
+from friction_estimator.core.fit.moments import Moments, gather, solve
+from friction_estimator.core.fit.variable_projection import NEWTON, reduced_hessian, refine
+from friction_estimator.core.model.structure import Model
+from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.sample import Floats
-from friction_estimator.core.variable_projection import NEWTON, reduced_hessian, refine
 from friction_estimator.paper.claims import Claim, verdict
 from friction_estimator.paper.study import Plan, derived, record
 from friction_estimator.rig.drive import CONDITIONS

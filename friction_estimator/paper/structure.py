@@ -5,15 +5,15 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.interpolate import BSpline
 
-from friction_estimator.core.basis import WaveletBasis
-from friction_estimator.core.batch import on_gauge, predict, start_taps
-from friction_estimator.core.config import BasisConfig, SealConfig
+from friction_estimator.core.fit.batch import on_gauge, predict, start_taps
+from friction_estimator.core.fit.moments import gather
+from friction_estimator.core.fit.variable_projection import refine
 from friction_estimator.core.metrics import nrmse
-from friction_estimator.core.model import Model
-from friction_estimator.core.moments import gather
+from friction_estimator.core.model.basis import WaveletBasis
+from friction_estimator.core.model.structure import Model
+from friction_estimator.core.model.theory_seal import SealCurve
 from friction_estimator.core.sample import Floats
-from friction_estimator.core.theory_seal import SealCurve
-from friction_estimator.core.variable_projection import refine
+from friction_estimator.core.settings.config import BasisConfig, SealConfig
 from friction_estimator.paper.claims import Claim, below, geometric_mean, listed, verdict
 from friction_estimator.paper.study import MODELS, Plan, derived, record
 from friction_estimator.rig.drive import CONDITIONS, PA_PER_PSI, celsius

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from friction_estimator.core import metrics
-from friction_estimator.core.replay import Replay
+from friction_estimator.core.online.replay import Replay
 from friction_estimator.core.sample import NS_PER_S, Samples
 from friction_estimator.report import style
 

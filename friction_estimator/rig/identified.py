@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from friction_estimator.core.config import Config
 from friction_estimator.core.errors import ConfigError
-from friction_estimator.core.estimator import Estimator
-from friction_estimator.core.model import Extension
+from friction_estimator.core.model.structure import Extension
+from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.sample import Floats, Samples
+from friction_estimator.core.settings.config import Config
 from friction_estimator.effects.trace import Trace
 
 

@@ -6,13 +6,13 @@ from functools import cached_property
 
 import numpy as np
 
-from friction_estimator.core.config import Config, SealConfig
 from friction_estimator.core.errors import ConfigError
-from friction_estimator.core.intake import Intake
-from friction_estimator.core.oil import checked_temperature
-from friction_estimator.core.pairing import FRICTION, POSITION, PRESSURE, TEMPERATURE, VELOCITY
+from friction_estimator.core.intake.admission import Intake
+from friction_estimator.core.intake.pairing import FRICTION, POSITION, PRESSURE, TEMPERATURE, VELOCITY
+from friction_estimator.core.model.oil import checked_temperature
+from friction_estimator.core.model.theory_seal import SealCurve
 from friction_estimator.core.sample import Floats, Ints, Samples
-from friction_estimator.core.theory_seal import SealCurve
+from friction_estimator.core.settings.config import Config, SealConfig
 from friction_estimator.effects import STAGES, Effect, Trace, compose
 from friction_estimator.rig.drive import Segment, celsius, run_drive
 from friction_estimator.rig.plant import PLANTS, Law

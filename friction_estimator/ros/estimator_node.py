@@ -10,14 +10,14 @@ from rclpy.clock import Clock, ClockType
 from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import SetBool, Trigger
 
-from friction_estimator.core import relinearisation
-from friction_estimator.core.config import PARAMETERS, Config
-from friction_estimator.core.derive import with_live_units
 from friction_estimator.core.errors import ConfigError, FrictionEstimatorError
-from friction_estimator.core.estimator import Estimator
-from friction_estimator.core.model import Parameters
-from friction_estimator.core.pairing import FRICTION, VELOCITY
-from friction_estimator.core.setting import Value
+from friction_estimator.core.intake.pairing import FRICTION, VELOCITY
+from friction_estimator.core.model.structure import Parameters
+from friction_estimator.core.online import relinearisation
+from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.core.settings.config import PARAMETERS, Config
+from friction_estimator.core.settings.derive import with_live_units
+from friction_estimator.core.settings.setting import Value
 from friction_estimator.ros.arguments import beside_its_file
 from friction_estimator.ros.health import Health
 from friction_estimator.ros.outputs import Outputs

@@ -7,8 +7,8 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
-from friction_estimator.core.config import Config
 from friction_estimator.core.sample import NS_PER_S
+from friction_estimator.core.settings.config import Config
 from friction_estimator.ros.silence import Finding, Findings, explain, stamp_offset_s
 from friction_estimator.ros.sources import Source
 from friction_estimator.ros.stream import SampleStream

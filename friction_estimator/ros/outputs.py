@@ -10,7 +10,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
-from friction_estimator.core.model import Parameters
+from friction_estimator.core.model.structure import Parameters
 from friction_estimator.core.sample import Floats
 from friction_estimator.ros.quality import output_qos, with_overrides
 from friction_estimator.ros.wire import WrenchWriter

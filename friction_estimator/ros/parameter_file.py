@@ -2,7 +2,7 @@
 
     python -m friction_estimator.ros.parameter_file > config/estimator.yaml
 
-A test compares the file with this text, so that it cannot lag behind core/config.py.
+A test compares the file with this text, so that it cannot lag behind core/settings/config.py.
 """
 
 import math
@@ -10,8 +10,8 @@ import textwrap
 
 import yaml
 
-from friction_estimator.core.config import PARAMETERS
-from friction_estimator.core.setting import Parameter
+from friction_estimator.core.settings.config import PARAMETERS
+from friction_estimator.core.settings.setting import Parameter
 
 _HEAD = """\
 # Every parameter of the node `friction_estimator` and of the command line (--config), with its default.

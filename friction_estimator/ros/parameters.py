@@ -1,8 +1,8 @@
-"""ROS parameters by reflection: every setting of core/config.py, declared, checked and explained.
+"""ROS parameters by reflection: every setting of core/settings/config.py, declared, checked and explained.
 
 rclpy's own rules would end the node for an integer where a double is declared, let NaN into arrays, ignore a
 misspelt name and answer a service call without naming the culprit. `ConfiguredNode` judges every value with
-`Parameter.checked` of core/config.py instead, at start-up and in the parameter services, and goes on living.
+`Parameter.checked` of core/settings/config.py instead, at start-up and in the parameter services, and goes on living.
 """
 
 import sys
@@ -18,9 +18,9 @@ from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from friction_estimator.core.config import PARAMETERS, Config, parameter
 from friction_estimator.core.errors import ConfigError
-from friction_estimator.core.setting import Parameter, Value
+from friction_estimator.core.settings.config import PARAMETERS, Config, parameter
+from friction_estimator.core.settings.setting import Parameter, Value
 
 _ROS_OWN = ("use_sim_time", "start_type_description_service")
 _TYPES = {

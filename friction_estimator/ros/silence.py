@@ -13,8 +13,8 @@ import numpy as np
 from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 
-from friction_estimator.core.config import Config
 from friction_estimator.core.sample import NS_PER_S
+from friction_estimator.core.settings.config import Config
 from friction_estimator.ros.sources import Source, type_name
 from friction_estimator.ros.wire import frame_id
 

@@ -2,11 +2,11 @@
 
 from collections.abc import Callable
 
-from friction_estimator.core.config import Config
-from friction_estimator.core.estimator import Estimator
-from friction_estimator.core.intake import Intake
-from friction_estimator.core.live import CAPACITY, Events, LiveStep
-from friction_estimator.core.pairing import FRICTION
+from friction_estimator.core.intake.admission import Intake
+from friction_estimator.core.intake.pairing import FRICTION
+from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.core.online.live import CAPACITY, Events, LiveStep
+from friction_estimator.core.settings.config import Config
 
 Publish = Callable[[int, float, float], None]
 """Takes (stamp in ns, predicted friction, measured friction)."""

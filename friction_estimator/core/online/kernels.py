@@ -2,23 +2,20 @@
 
 One sample is: push the new row into the delay lines, predict, learn. `run` does this over arrays; the node calls
 it with arrays of one. All state lives in the arrays of `Workspace`, so it can be copied, compared and restored bit
-for bit.
+for bit. The prediction and its gradient x, the regressor of every law, are in core/model/prediction.py.
 
-With theta = [A, W, A1, C] (FIR taps, wavelet weights, theory taps, extension coefficients) the model is
-
-    f_hat[k] = sum_i A_i W' Psi[k-i] + sum_i A1_i d[k-i] + C' z[k]
-
-and its gradient, the regressor x of every law, is [F, A(q) Psi, F1, z] with F_i = W' Psi[k-i] for the present W (Kwak,
-Yagle, Levitt 1998, section 3; the printed F1 repeats lag 0, which is read as a misprint).
+numba's cache sees edits of this file only, not of those that `run` calls: see there.
 """
 
 import numpy as np
 from numba import njit
 
-from friction_estimator.core import workspace as at
+from friction_estimator.core.model.prediction import HEAD, TAPS, WEIGHTS, push, regress
+from friction_estimator.core.model.structure import LARGEST_PARAMETER
+from friction_estimator.core.online import workspace as at
 
 LMS, NLMS, RLS = range(3)
-"""Numbers of the laws in the compiled dispatch; core/adaptation.py has the classes."""
+"""Numbers of the laws in the compiled dispatch; core/online/adaptation.py has the classes."""
 
 CLIP = 6.0
 """Errors beyond this many running rms are shortened before nlms and rls learn from them (Huber)."""
@@ -48,9 +45,6 @@ WHOLE_STEP = 1.001
 LEAST_EXCITATION, LARGEST_EXCITATION = 1e-14, 1e14
 """rls learns from samples whose x' P x lies between: below there is nothing to learn, above rounding would rule."""
 
-LARGEST_PARAMETER = 1e6
-"""Guard: the norm of the normalised parameters stays below this."""
-
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
 def _dot(a, b):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
@@ -62,60 +56,9 @@ def _dot(a, b):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
 
 
 @njit(cache=True)
-def _push(shape, ring, ring_theory, status, index, value, theory, restart):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Put the newest row into the delay lines; a restart fills them with it (as if it had stood there)."""
-    taps = shape[at.TAPS]
-    status[at.HEAD] = 0 if restart else status[at.HEAD] + 1
-    row = ring[status[at.HEAD] % taps]
-    row[:] = 0.0
-    for k in range(index.size):
-        row[index[k]] = value[k]
-    if restart:
-        for i in range(1, taps):
-            ring[i, :] = row
-        ring_theory[:] = theory
-    else:
-        ring_theory[status[at.HEAD] % ring_theory.size] = theory
-
-
-@njit(cache=True, fastmath={"reassoc", "contract"})
-def _regress(shape, theta, ring, ring_theory, status, extension, x):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Fill the gradient x and return the prediction."""
-    taps, weights, theory_taps = shape[at.TAPS], shape[at.WEIGHTS], shape[at.THEORY_TAPS]
-    head = status[at.HEAD]
-    w = theta[taps : taps + weights]
-    filtered = x[taps : taps + weights]
-    filtered[:] = 0.0
-    prediction = 0.0
-    place = head % taps
-    for i in range(taps):
-        row = ring[place]
-        place = place - 1 if place > 0 else taps - 1
-        tap = theta[i]
-        g = 0.0
-        for k in range(weights):
-            g += row[k] * w[k]
-            filtered[k] += tap * row[k]
-        x[i] = g
-        prediction += tap * g
-    start = taps + weights
-    place = head % ring_theory.size
-    for i in range(theory_taps):
-        lagged = ring_theory[place]
-        place = place - 1 if place > 0 else theory_taps - 1
-        x[start + i] = lagged
-        prediction += theta[start + i] * lagged
-    start += theory_taps
-    for i in range(shape[at.EXTENSIONS]):
-        x[start + i] = extension[i]
-        prediction += theta[start + i] * extension[i]
-    return prediction
-
-
-@njit(cache=True)
 def _normalise_taps(shape, theta):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Divide A by its norm (the paper's A = A*/||A*||); return the norm, 0 where A vanished and was left alone."""
-    taps = shape[at.TAPS]
+    taps = shape[TAPS]
     norm = 0.0
     for i in range(taps):
         norm += theta[i] * theta[i]
@@ -147,10 +90,10 @@ def _trusted(shape, ring, status, x, direction, gain):  # type: ignore[no-untype
     second term, which the law does not know of, is kept below half of the first: then a step that removes at most the
     whole error of the linearised model never enlarges the error on its own sample.
     """
-    taps, weights = shape[at.TAPS], shape[at.WEIGHTS]
+    taps, weights = shape[TAPS], shape[WEIGHTS]
     step = direction[taps : taps + weights]
     bilinear = 0.0
-    place = status[at.HEAD] % taps
+    place = status[HEAD] % taps
     for i in range(taps):
         bilinear += direction[i] * _dot(ring[place], step)
         place = place - 1 if place > 0 else taps - 1
@@ -186,7 +129,7 @@ def _move_norm_into_weights(shape, theta):  # type: ignore[no-untyped-def] # pra
 
     Return the norm that was moved, 0 where nothing was.
     """
-    taps = shape[at.TAPS]
+    taps = shape[TAPS]
     power = 0.0
     for i in range(taps):
         power += theta[i] * theta[i]
@@ -194,7 +137,7 @@ def _move_norm_into_weights(shape, theta):  # type: ignore[no-untyped-def] # pra
         return 0.0
     norm = _normalise_taps(shape, theta)
     if norm > 0.0:
-        for i in range(taps, taps + shape[at.WEIGHTS]):
+        for i in range(taps, taps + shape[WEIGHTS]):
             theta[i] *= norm
     return norm
 
@@ -209,18 +152,6 @@ def _learn_nlms(shape, theta, ring, law, status, prior, x, error, gain):  # type
     step = _trusted(shape, ring, status, x, gain, law[at.STEP] * error / energy)
     if _step_along(theta, gain, step, status):
         _move_norm_into_weights(shape, theta)
-
-
-@njit(cache=True, nogil=True)
-def predict(index, value, theory, extension, restart, predicted, shape, theta):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Fill `predicted`, (n,), with the output of fixed parameters; arguments as in `run`."""
-    ring = np.zeros((shape[at.TAPS], shape[at.WEIGHTS]))
-    ring_theory = np.zeros(max(1, shape[at.THEORY_TAPS]))
-    status = np.zeros(at.HEAD + 1, np.int64)
-    x = np.zeros(theta.size)
-    for k in range(predicted.size):
-        _push(shape, ring, ring_theory, status, index[k], value[k], theory[k], restart[k] or k == 0)
-        predicted[k] = _regress(shape, theta, ring, ring_theory, status, extension[k], x)
 
 
 @njit(cache=True)
@@ -331,7 +262,7 @@ def _learn_rls(shape, theta, ring, law, moments, status, root, diagonal, prior, 
         for j in range(n):
             root[i, j] -= factor * projected[j]
     norm = _move_norm_into_weights(shape, theta)
-    taps, weights = shape[at.TAPS], shape[at.WEIGHTS]
+    taps, weights = shape[TAPS], shape[WEIGHTS]
     if norm > 0.0:
         for i in range(taps + weights):
             scale = 1.0 / norm if i < taps else norm
@@ -391,9 +322,9 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     gain = np.zeros(n)
     for k in range(target.size):
         begins = restart[k] or status[at.SEEN] == 0
-        _push(shape, ring, ring_theory, status, index[k], value[k], theory[k], begins)
+        push(shape, ring, ring_theory, status, index[k], value[k], theory[k], begins)
         status[at.SEEN] += 1
-        predicted[k] = _regress(shape, theta, ring, ring_theory, status, extension[k], x)
+        predicted[k] = regress(shape, theta, ring, ring_theory, status, extension[k], x)
         error = target[k] - predicted[k]
         limit = CLIP * np.sqrt(moments[at.ERROR_POWER])
         clipped = min(max(error, -limit), limit)

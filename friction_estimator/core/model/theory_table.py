@@ -12,9 +12,9 @@ from numba import njit, types
 from numpy.typing import NDArray
 
 from friction_estimator.core.errors import ConfigError
-from friction_estimator.core.oil import KELVIN, checked_temperature
+from friction_estimator.core.model.oil import KELVIN, checked_temperature
+from friction_estimator.core.model.theory_seal import LOWEST_GAUGE_PRESSURE_PA
 from friction_estimator.core.sample import Floats, Ints
-from friction_estimator.core.theory_seal import LOWEST_GAUGE_PRESSURE_PA
 
 COLUMNS = ("velocity_m_s", "pressure_Pa", "temperature_K", "friction_N")
 _SHOWN_POINTS = 3

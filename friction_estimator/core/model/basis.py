@@ -12,10 +12,10 @@ import pywt
 from numba import njit
 from numpy.typing import NDArray
 
-from friction_estimator.core.config import BasisConfig
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.registry import Registry
 from friction_estimator.core.sample import Floats
+from friction_estimator.core.settings.config import BasisConfig
 
 UNITS_PER_RANGE = 16.0
 """Basis units in the velocity range where basis.velocity_unit is not set."""

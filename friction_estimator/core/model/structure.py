@@ -14,12 +14,17 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from friction_estimator.core.basis import Basis, basis_from_config
-from friction_estimator.core.config import Config
 from friction_estimator.core.errors import ConfigError
-from friction_estimator.core.kernels import LARGEST_PARAMETER
+from friction_estimator.core.model.basis import Basis, basis_from_config
+from friction_estimator.core.model.theory import TheoryCurve, theory_from_config
 from friction_estimator.core.sample import Bools, Floats, Ints, Samples
-from friction_estimator.core.theory import TheoryCurve, theory_from_config
+from friction_estimator.core.settings.config import Config
+
+LARGEST_PARAMETER = 1e6
+"""Guard: the norm of the normalised parameters stays below this."""
+
+CHUNK = 4096
+"""Samples prepared at a time: bounds the memory of a pass over a recording."""
 
 TAP_DEVIATION = {"hammerstein": 0.1, "parallel": 0.03}
 """Prior standard deviation of the taps behind g, relative to that of a weight of the coarsest level.
@@ -54,7 +59,7 @@ SCALE_POINTS = 256
 
 @dataclass(frozen=True)
 class Inputs:
-    """A batch of samples in normalised units, as `kernels.run` takes it."""
+    """A batch of samples in normalised units, as the compiled loops take it."""
 
     index: NDArray[np.int32]
     value: Floats
@@ -155,6 +160,15 @@ class Model:
             if not np.all(np.abs(wanted) < LARGEST_PARAMETER):
                 raise ConfigError(f"learned.{name} is larger than {LARGEST_PARAMETER:g}: no estimator learned that")
         return start.theta
+
+    def checked(self, parameters: Parameters) -> Floats:
+        """Return the parameter vector; raises ConfigError where it is not one of this model's."""
+        theta = parameters.theta
+        if theta.shape != (self.size,):
+            raise ConfigError(f"{theta.size} learned values were given, this model has {self.size}")
+        if not np.all(np.abs(theta) < LARGEST_PARAMETER):
+            raise ConfigError(f"learned values must be finite and below {LARGEST_PARAMETER:g}")
+        return theta
 
     def prior_deviation(self) -> Floats:
         """Return the relative prior standard deviation of each parameter, (n,)."""

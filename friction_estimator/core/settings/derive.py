@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from friction_estimator.core.config import Config, LearnedConfig
 from friction_estimator.core.sample import Floats
+from friction_estimator.core.settings.config import Config, LearnedConfig
 
 LIVE_VELOCITY_RANGE = (-0.15, 0.15)
 """m/s; an eccentric of 20 mm at one turn a second reaches 0.126 m/s."""

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from friction_estimator.core.config import Config
-from friction_estimator.core.pairing import USED, Pairer, Pairs, Sequencer
+from friction_estimator.core.intake.pairing import USED, Pairer, Pairs, Sequencer
 from friction_estimator.core.sample import Samples
+from friction_estimator.core.settings.config import Config
 
 
 class Intake:
@@ -20,7 +20,7 @@ class Intake:
 
     Examples
     --------
-    >>> from friction_estimator.core.pairing import FRICTION, VELOCITY
+    >>> from friction_estimator.core.intake.pairing import FRICTION, VELOCITY
     >>> intake = Intake(Config())
     >>> len(intake.push(VELOCITY, 5, 0.1)), len(intake.push(FRICTION, 5, 3.0))
     (0, 1)

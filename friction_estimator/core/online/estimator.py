@@ -6,17 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from friction_estimator.core import kernels, workspace
-from friction_estimator.core.adaptation import LAWS
-from friction_estimator.core.config import PARAMETERS, Config
 from friction_estimator.core.errors import ConfigError
-from friction_estimator.core.model import Extension, Model, Parameters
-from friction_estimator.core.relinearisation import Relinearisation
+from friction_estimator.core.model.structure import CHUNK, Extension, Model, Parameters
+from friction_estimator.core.online import kernels, workspace
+from friction_estimator.core.online.adaptation import LAWS
+from friction_estimator.core.online.relinearisation import Relinearisation
+from friction_estimator.core.online.workspace import Workspace
 from friction_estimator.core.sample import Bools, Floats, Samples
-from friction_estimator.core.workspace import Workspace
-
-CHUNK = 4096
-"""Samples prepared at a time: bounds the memory of a pass over a recording."""
+from friction_estimator.core.settings.config import PARAMETERS, Config
 
 STATE_VERSION = 2
 
@@ -187,12 +184,7 @@ class Estimator:
 
     @parameters.setter
     def parameters(self, values: Parameters) -> None:
-        theta = values.theta
-        if theta.shape != self._work.theta.shape:
-            raise ConfigError(f"{theta.size} learned values were given, this model has {self._work.theta.size}")
-        if not np.all(np.abs(theta) < kernels.LARGEST_PARAMETER):
-            raise ConfigError(f"learned values must be finite and below {kernels.LARGEST_PARAMETER:g}")
-        self._work.theta[:] = theta
+        self._work.theta[:] = self.model.checked(values)
         self._work.status[workspace.PROPOSED] = 0  # what is proposed went on from other values
 
     @property

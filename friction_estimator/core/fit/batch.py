@@ -15,13 +15,13 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import eigh
 
-from friction_estimator.core.config import Config
-from friction_estimator.core.estimator import Estimator
+from friction_estimator.core.fit.moments import RIDGE, Moments, gather, solve
+from friction_estimator.core.fit.variable_projection import refine
 from friction_estimator.core.metrics import nrmse
-from friction_estimator.core.model import Extension, Model, Parameters
-from friction_estimator.core.moments import RIDGE, Moments, gather, solve
+from friction_estimator.core.model.prediction import delay_lines, predict_fixed
+from friction_estimator.core.model.structure import CHUNK, Extension, Model, Parameters
 from friction_estimator.core.sample import Bools, Floats, Samples
-from friction_estimator.core.variable_projection import refine
+from friction_estimator.core.settings.config import Config
 
 RANDOM_STARTS = 3
 """Starts at random taps beside the constructed ones."""
@@ -174,10 +174,19 @@ def fit_batch(
 
 
 def predict(samples: Samples, config: Config, parameters: Parameters, extension: Extension | None = None) -> Floats:
-    """Return the output of fixed parameters over a record, (n,), N: the online estimator with learning off."""
-    estimator = Estimator(config.updated({"model.law": "lms"}), extension)
-    estimator.parameters = parameters
-    return estimator.run(samples, learn=False)
+    """Return the output of fixed parameters over a record, (n,), N; the extension's delay lines start afresh."""
+    model = Model(config, extension)
+    theta = model.checked(parameters)
+    if extension is not None:
+        extension.restart()
+    predicted, lines = np.empty(len(samples)), delay_lines(model.shape)
+    for start in range(0, len(samples), CHUNK):
+        part = slice(start, start + CHUNK)
+        inputs = model.inputs(samples[part])
+        arrays = (inputs.index, inputs.value, inputs.theory, inputs.extension, inputs.restart)
+        predict_fixed(*arrays, predicted[part], model.shape, theta, *lines)
+    predicted *= config.force_unit
+    return predicted
 
 
 def start_taps(moments: Moments, generator: np.random.Generator) -> list[Floats]:

@@ -5,13 +5,11 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from friction_estimator.core.model.prediction import HEAD
 from friction_estimator.core.sample import Floats, Ints
 
-# Places in Workspace.shape
-TAPS, WEIGHTS, THEORY_TAPS, EXTENSIONS = range(4)
-
-# Places in Workspace.status
-HEAD, SEEN, LEARNED, GUARDED, CLIPPED, OUTSIDE, ALARMED, ADOPTED = range(8)
+# Places in Workspace.status; HEAD is that of model/prediction.py, where the places in Workspace.shape are as well
+SEEN, LEARNED, GUARDED, CLIPPED, OUTSIDE, ALARMED, ADOPTED = range(HEAD + 1, 8)
 KEPT, SLOT, BROKEN, REVERSALS, DIRECTION, DUE, PROPOSED = range(8, 15)
 STATUS_SIZE = 15
 

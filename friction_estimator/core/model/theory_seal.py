@@ -5,8 +5,7 @@ import math
 import numpy as np
 from numba import njit, types
 
-from friction_estimator.core.config import SealConfig
-from friction_estimator.core.oil import (
+from friction_estimator.core.model.oil import (
     HIGHEST_TEMPERATURE_DEGC,
     LOWEST_TEMPERATURE_DEGC,
     checked_temperature,
@@ -14,6 +13,7 @@ from friction_estimator.core.oil import (
     walther_coefficients,
 )
 from friction_estimator.core.sample import Floats
+from friction_estimator.core.settings.config import SealConfig
 
 LOWEST_GAUGE_PRESSURE_PA = -1.1e5  # below vacuum at sea level nothing is sealed
 HIGHEST_GAUGE_PRESSURE_PA = 1e9

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from friction_estimator.core.errors import ConfigError
-from friction_estimator.core.setting import Parameter, Value, setting, walk
+from friction_estimator.core.settings.setting import Parameter, Value, setting, walk
 
 
 @dataclass(frozen=True)

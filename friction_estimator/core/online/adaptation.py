@@ -7,10 +7,10 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from friction_estimator.core import kernels
-from friction_estimator.core.config import Config
+from friction_estimator.core.online import kernels
 from friction_estimator.core.registry import Registry
 from friction_estimator.core.sample import Floats
+from friction_estimator.core.settings.config import Config
 
 
 class Law(Protocol):

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
-from friction_estimator.core.moments import Moments, solve
+from friction_estimator.core.fit.moments import Moments, solve
 from friction_estimator.core.sample import Floats
 
 NEWTON: Any = {"gtol": 1e-10, "maxiter": 200, "initial_trust_radius": 0.1, "max_trust_radius": 1.0}

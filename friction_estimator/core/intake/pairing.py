@@ -14,8 +14,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from friction_estimator.core.config import SyncConfig
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Ints
+from friction_estimator.core.settings.config import SyncConfig
 
 VELOCITY, FRICTION, PRESSURE, TEMPERATURE, POSITION = range(5)
 """Stream numbers of `Pairer.push`; the last three are held channels."""

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from friction_estimator.core import metrics
-from friction_estimator.core.config import Config
 from friction_estimator.core.errors import ConfigError, UnanswerableError
-from friction_estimator.core.estimator import Estimator, Health
-from friction_estimator.core.model import Extension, Model, Parameters
+from friction_estimator.core.model.structure import Extension, Model, Parameters
+from friction_estimator.core.online.estimator import Estimator, Health
 from friction_estimator.core.sample import Bools, Floats, Samples
+from friction_estimator.core.settings.config import Config
 
 BLOCK = 65536
 """Samples between two reports of progress, and between two snapshots of the parameters at the most."""

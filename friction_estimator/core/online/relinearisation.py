@@ -19,13 +19,12 @@ from typing import Any
 import numpy as np
 from scipy.linalg import cho_factor, solve_triangular
 
-from friction_estimator.core import kernels
-from friction_estimator.core.config import Config
-from friction_estimator.core.model import Inputs, Model
-from friction_estimator.core.moments import accumulate, products
-from friction_estimator.core.sample import Bools, Floats
-from friction_estimator.core.variable_projection import refine
-from friction_estimator.core.workspace import (
+from friction_estimator.core.fit.moments import accumulate, products
+from friction_estimator.core.fit.variable_projection import refine
+from friction_estimator.core.model.prediction import TAPS, delay_lines, predict_fixed
+from friction_estimator.core.model.structure import LARGEST_PARAMETER, Inputs, Model
+from friction_estimator.core.online.kernels import CLIP
+from friction_estimator.core.online.workspace import (
     ADOPTED,
     CONTINUES,
     DUE,
@@ -43,9 +42,10 @@ from friction_estimator.core.workspace import (
     RESTARTS,
     SAMPLES_A_PARAMETER,
     SLOT,
-    TAPS,
     Workspace,
 )
+from friction_estimator.core.sample import Bools, Floats
+from friction_estimator.core.settings.config import Config
 
 MOST_PRODUCTS = 1500
 """Structures with more over-parameterised coefficients are not fitted again: it would take seconds."""
@@ -142,9 +142,8 @@ class Relinearisation:
 def warm_up(model: Model) -> None:
     """Compile what a fit runs, so that the first one does not wait for it."""
     index, value = model.basis.rows(np.zeros(1))
-    extension = np.zeros((1, int(model.shape[-1])))
-    begins, out = np.ones(1, np.bool_), np.empty(1)
-    kernels.predict(index, value, np.zeros(1), extension, begins, out, model.shape, np.zeros(model.size))
+    arrays = (index, value, np.zeros(1), np.zeros((1, int(model.shape[-1]))), np.ones(1, np.bool_))
+    predict_fixed(*arrays, np.empty(1), model.shape, np.zeros(model.size), *delay_lines(model.shape))
 
 
 def propose(model: Model, work: Workspace) -> Floats:
@@ -171,7 +170,7 @@ def propose(model: Model, work: Workspace) -> Floats:
     # known = L L', so P = S S' with S = sqrt(share) L'^-1.
     root = np.sqrt(VARIANCE_SHARE) * solve_triangular(factor, np.eye(model.size), lower=True).T
     proposal = np.concatenate([theta[None], root])
-    return proposal if np.all(np.abs(proposal) < kernels.LARGEST_PARAMETER) else nothing  # NaN is refused as well
+    return proposal if np.all(np.abs(proposal) < LARGEST_PARAMETER) else nothing  # NaN is refused as well
 
 
 def predicts_better(model: Model, work: Workspace) -> bool:
@@ -239,7 +238,7 @@ class Kept:
         """Return what fixed parameters predict, (n,), normalised."""
         inputs, out = self.inputs, np.empty(self.place.size)
         arrays = (inputs.index, inputs.value, inputs.theory, inputs.extension, inputs.restart)
-        kernels.predict(*arrays, out, work.shape, theta)
+        predict_fixed(*arrays, out, work.shape, theta, *delay_lines(work.shape))
         return out
 
     def believed(self, error: Floats) -> Bools:
@@ -248,6 +247,6 @@ class Kept:
         Neighbours that err together are the model's fault, not the sensor's: what the model has yet to learn.
         """
         usual = float(np.median(np.abs(error[self.used]))) if self.used.any() else 0.0
-        far = np.abs(error) > kernels.CLIP * 1.4826 * usual
+        far = np.abs(error) > CLIP * 1.4826 * usual
         follows = far[1:] & far[:-1] & (np.diff(self.place) == 1.0)
         return np.asarray(~far | np.append(False, follows) | np.append(follows, False), np.bool_)

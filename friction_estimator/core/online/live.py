@@ -10,12 +10,12 @@ from math import isfinite
 
 import numpy as np
 
-from friction_estimator.core import kernels, workspace
-from friction_estimator.core.basis import WaveletBasis, _wavelet_rows
-from friction_estimator.core.estimator import Estimator
-from friction_estimator.core.intake import Intake
-from friction_estimator.core.pairing import HELD, USED, Pairs, _admit, _pair
-from friction_estimator.core.theory_seal import SealCurve, _seal_loop
+from friction_estimator.core.intake.admission import Intake
+from friction_estimator.core.intake.pairing import HELD, USED, Pairs, _admit, _pair
+from friction_estimator.core.model.basis import WaveletBasis, _wavelet_rows
+from friction_estimator.core.model.theory_seal import SealCurve, _seal_loop
+from friction_estimator.core.online import kernels, workspace
+from friction_estimator.core.online.estimator import Estimator
 
 CAPACITY = 128
 """Events taken at once at the most."""
@@ -42,8 +42,8 @@ class LiveStep(Events):
 
     Examples
     --------
-    >>> from friction_estimator.core.config import Config
-    >>> from friction_estimator.core.derive import with_live_units
+    >>> from friction_estimator.core.settings.config import Config
+    >>> from friction_estimator.core.settings.derive import with_live_units
     >>> config = with_live_units(Config())
     >>> step = LiveStep(Intake(config), Estimator(config))
     >>> step.stream[:2], step.stamp_ns[:2], step.value[:2] = (0, 1), (7, 7), (0.1, 3.0)

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from friction_estimator.core.errors import ConfigError, UnanswerableError
-from friction_estimator.core.model import Inputs, Model
+from friction_estimator.core.model.structure import Inputs, Model
 from friction_estimator.core.sample import Bools, Floats, Ints, Samples
 
 BLOCK = 4096

@@ -17,11 +17,11 @@ What a user writes into a configuration does raise: ConfigError, at construction
 from collections.abc import Callable
 from typing import Protocol
 
-from friction_estimator.core.config import Config
+from friction_estimator.core.model.theory_seal import SealCurve
+from friction_estimator.core.model.theory_table import TableCurve, read_table
 from friction_estimator.core.registry import Registry
 from friction_estimator.core.sample import Floats
-from friction_estimator.core.theory_seal import SealCurve
-from friction_estimator.core.theory_table import TableCurve, read_table
+from friction_estimator.core.settings.config import Config
 
 
 class TheoryCurve(Protocol):

@@ -1,0 +1,1 @@
+"""Fits to a whole record: second moments, variable projection, covariance."""

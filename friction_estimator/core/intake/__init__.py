@@ -1,0 +1,1 @@
+"""Events to admitted samples: pairing, order, gaps, standstill."""

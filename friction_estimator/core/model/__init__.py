@@ -1,0 +1,1 @@
+"""Basis, theoretical curves, the two models and what fixed parameters predict."""

@@ -1,0 +1,98 @@
+"""Compiled: a row into the delay lines, the prediction and its gradient. All that predicts goes this way.
+
+With theta = [A, W, A1, C] (FIR taps, wavelet weights, theory taps, extension coefficients) the model is
+
+    f_hat[k] = sum_i A_i W' Psi[k-i] + sum_i A1_i d[k-i] + C' z[k]
+
+and its gradient, the regressor x of every law, is [F, A(q) Psi, F1, z] with F_i = W' Psi[k-i] for the present W (Kwak,
+Yagle, Levitt 1998, section 3; the printed F1 repeats lag 0, which is read as a misprint).
+
+numba's cache of a compiled function sees edits of its own file only: `online.kernels.run` has `push` and `regress`
+compiled in. After an edit here delete __pycache__ of core/online/, or the old code runs on.
+"""
+
+import numpy as np
+from numba import njit
+
+from friction_estimator.core.sample import Floats, Ints
+
+TAPS, WEIGHTS, THEORY_TAPS, EXTENSIONS = range(4)
+"""Places in `Model.shape`."""
+
+HEAD = 0
+"""Place in `status` of the number of rows that were put into the delay lines since they were restarted, less one."""
+
+
+def delay_lines(shape: Ints) -> tuple[Floats, Floats, Ints]:
+    """Return delay lines that hold nothing: ring, (taps, weights), ring_theory, (max(theory taps, 1),), and status."""
+    taps, weights, theory_taps, _ = shape
+    return np.zeros((taps, weights)), np.zeros(max(1, theory_taps)), np.array([-1], np.int64)
+
+
+@njit(cache=True)
+def push(shape, ring, ring_theory, status, index, value, theory, restart):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Put the newest row into the delay lines; a restart fills them with it (as if it had stood there)."""
+    taps = shape[TAPS]
+    status[HEAD] = 0 if restart else status[HEAD] + 1
+    row = ring[status[HEAD] % taps]
+    row[:] = 0.0
+    for k in range(index.size):
+        row[index[k]] = value[k]
+    if restart:
+        for i in range(1, taps):
+            ring[i, :] = row
+        ring_theory[:] = theory
+    else:
+        ring_theory[status[HEAD] % ring_theory.size] = theory
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def regress(shape, theta, ring, ring_theory, status, extension, x):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Fill the gradient x and return the prediction."""
+    taps, weights, theory_taps = shape[TAPS], shape[WEIGHTS], shape[THEORY_TAPS]
+    head = status[HEAD]
+    w = theta[taps : taps + weights]
+    filtered = x[taps : taps + weights]
+    filtered[:] = 0.0
+    prediction = 0.0
+    place = head % taps
+    for i in range(taps):
+        row = ring[place]
+        place = place - 1 if place > 0 else taps - 1
+        tap = theta[i]
+        g = 0.0
+        for k in range(weights):
+            g += row[k] * w[k]
+            filtered[k] += tap * row[k]
+        x[i] = g
+        prediction += tap * g
+    start = taps + weights
+    place = head % ring_theory.size
+    for i in range(theory_taps):
+        lagged = ring_theory[place]
+        place = place - 1 if place > 0 else theory_taps - 1
+        x[start + i] = lagged
+        prediction += theta[start + i] * lagged
+    start += theory_taps
+    for i in range(shape[EXTENSIONS]):
+        x[start + i] = extension[i]
+        prediction += theta[start + i] * extension[i]
+    return prediction
+
+
+@njit(cache=True, nogil=True)
+def predict_fixed(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    index, value, theory, extension, restart, predicted, shape, theta, ring, ring_theory, status
+):
+    """Fill `predicted`, (n,), with the output of fixed parameters.
+
+    Parameters
+    ----------
+    index, value : (n, width), rows of Psi. theory : (n,), d. extension : (n, columns). restart : (n,) bool.
+    shape, theta : of the model.
+    ring, ring_theory, status : from `delay_lines`, updated in place, so that a record can be taken in parts.
+    """
+    x = np.zeros(theta.size)
+    for k in range(predicted.size):
+        push(shape, ring, ring_theory, status, index[k], value[k], theory[k], restart[k] or status[HEAD] < 0)
+        predicted[k] = regress(shape, theta, ring, ring_theory, status, extension[k], x)

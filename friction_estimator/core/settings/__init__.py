@@ -1,0 +1,1 @@
+"""What can be set: types, ranges, units, words; the units that samples give."""
