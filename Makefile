@@ -5,6 +5,8 @@ PYTHON ?= $(shell for p in python3 python3.12 python3.13 python3.11; do \
 VENV ?= .venv
 BIN := $(VENV)/bin
 PYTEST_ARGS ?=
+# Workers of the suite: two at the most, since the ROS tests start processes of their own.
+WORKERS ?= $(shell n=$$(nproc 2>/dev/null || echo 1); echo $$((n < 2 ? n : 2)))
 
 .PHONY: demo test check format lock clean
 
@@ -12,7 +14,7 @@ demo: $(VENV)/.installed
 	$(BIN)/python -m friction_estimator.cli.demo --out demo_out
 
 test: $(VENV)/.installed
-	$(BIN)/python -m pytest $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup $(PYTEST_ARGS)
 
 check: $(VENV)/.installed
 	$(BIN)/ruff check .

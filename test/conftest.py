@@ -18,7 +18,25 @@ SHARED = Path(__file__).parents[1].parent / "shared" / "data"
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """Real measurements that do not belong to the project; absent on a user's machine."""
-    if not SHARED.is_dir():
-        pytest.skip("real measurements (../shared/data) are not at hand: this test needs them")
+    """Real measurements that do not belong to the project; absent on a user's machine.
+
+    The only way to them: a test that asks for this is marked `shared`, and skipped where they are absent.
+    """
     return SHARED
+
+
+@pytest.hookimpl(tryfirst=True)  # before -m selects
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what needs the measured data, and skip it where there are none; let one worker have all of ROS.
+
+    Two ROS tests at once would not meet, since each has a domain of its own (`ros_graph.reserved_domain`), but their
+    processes would be five or six on two cores.
+    """
+    absent = pytest.mark.skip(reason=f"measured data are kept outside the project, and are not here: {SHARED}")
+    for item in items:
+        if "shared_data" in getattr(item, "fixturenames", ()):
+            item.add_marker("shared")
+        if item.get_closest_marker("shared") and not SHARED.is_dir():
+            item.add_marker(absent)
+        if item.get_closest_marker("ros"):
+            item.add_marker(pytest.mark.xdist_group("ros"))

@@ -84,6 +84,15 @@ def test_imports_inside_core_follow_the_arrows(path):
         assert other == room or other in ALLOWED_IN_CORE[room], f"{path.name} in core/{room} imports {name}"
 
 
+def test_the_measured_data_are_reached_through_their_fixture_only():
+    """Another way would neither be marked `shared` nor be skipped where the data are absent."""
+    here = Path(__file__)
+    for path in here.parent.glob("*.py"):
+        if path not in (here, here.with_name("conftest.py")):
+            constants = [n.value for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Constant)]
+            assert not any("shared" in word.split("/") for word in constants if isinstance(word, str)), path.name
+
+
 @pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
 def test_modules_stay_readable(path):
     assert len(path.read_text(encoding="utf-8").splitlines()) <= 450

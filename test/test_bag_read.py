@@ -3,7 +3,6 @@
 import random
 import shutil
 import tracemalloc
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,7 +26,6 @@ from friction_estimator.core.settings.config import Config, InputConfig
 
 START = 1_700_000_000 * NS_PER_S
 MS = 1_000_000
-SHARED_BAGS = Path(__file__).parents[2] / "shared" / "data" / "bags"
 
 TWIST, WRENCH = "geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/WrenchStamped"
 JOINT_STATE, FLOAT = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64"
@@ -498,7 +496,6 @@ def test_streams_that_never_meet_name_the_offset_and_the_remedy(tmp_path):
 # Recordings that others wrote
 
 
-@pytest.mark.skipif(not SHARED_BAGS.is_dir(), reason=f"recordings of others are absent: {SHARED_BAGS}")
 @pytest.mark.parametrize(
     ("name", "topics", "words"),
     [
@@ -508,11 +505,11 @@ def test_streams_that_never_meet_name_the_offset_and_the_remedy(tmp_path):
         ("rosbag2_split_mcap", {}, "AAA (std_msgs/String, 804 messages)"),
     ],
 )
-def test_recordings_of_others_are_refused_with_the_reason(name, topics, words):
+def test_recordings_of_others_are_refused_with_the_reason(shared_data, name, topics, words):
     with pytest.raises(UnanswerableError) as caught:
-        read_recording(SHARED_BAGS / name, topics=topics)
+        read_recording(shared_data / "bags" / name, topics=topics)
     assert words in str(caught.value)
-    with Source(SHARED_BAGS / name) as source:
+    with Source(shared_data / "bags" / name) as source:
         count = sum(len(part) for _, _, part in source.batches([t.name for t in source.topics]))
         assert count == source.message_count > 0
 

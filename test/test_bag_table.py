@@ -1,7 +1,5 @@
 """Tables become samples: what a row holds arrives, what it lacks is counted, and time never restarts."""
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -18,7 +16,6 @@ from friction_estimator.core.errors import InputError, UnanswerableError
 from friction_estimator.core.sample import NS_PER_S
 from friction_estimator.core.settings.config import Config
 
-DATA = Path(__file__).parents[2] / "shared" / "data"
 SPEC = TableSpec("t", {"velocity": "v", "friction": "f"})
 
 
@@ -285,13 +282,10 @@ def test_unlikely_units_are_doubted(tmp_path):
 
 # Measured tables
 
-needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"measured tables are absent: {DATA}")
 
-
-@needs_data
-def test_the_positioning_axis_is_imported_whole(tmp_path):
+def test_the_positioning_axis_is_imported_whole(shared_data, tmp_path):
     inputs = {"velocity": "v_m_s", "friction": "friction_filt_N", "position": "q_filt_m"}
-    samples, report = read_table(DATA / "emps_nlgreyfast" / "data.csv", TableSpec("t_s", inputs))
+    samples, report = read_table(shared_data / "emps_nlgreyfast" / "data.csv", TableSpec("t_s", inputs))
     assert (len(samples), report.pieces, report.missing) == (24841, 1, {})
     write_samples(tmp_path / "run", samples)
     admitted = to_samples(read_recording(tmp_path / "run"), Config())
@@ -299,7 +293,6 @@ def test_the_positioning_axis_is_imported_whole(tmp_path):
     np.testing.assert_array_equal(admitted.samples.position_m, samples.position_m)
 
 
-@needs_data
 def test_pieces_without_a_usable_row_make_no_gap_of_their_own(tmp_path):
     rows = ["t,v,f,piece"]
     for k in range(100):
@@ -314,10 +307,10 @@ def test_pieces_without_a_usable_row_make_no_gap_of_their_own(tmp_path):
     assert np.flatnonzero(samples.restart).tolist() == [0, 50]
 
 
-def test_the_pneumatic_seal_is_imported_with_its_gaps(tmp_path):
+def test_the_pneumatic_seal_is_imported_with_its_gaps(shared_data, tmp_path):
     inputs = {"velocity": "v_m_s", "friction": "friction_N", "pressure": "pressure_Pa+101325"}
     spec = TableSpec("t_s", inputs, [("seal", "O-ring257")], "segment")
-    samples, report = read_table(DATA / "seal_zillen_pneumatic" / "data.csv", spec)
+    samples, report = read_table(shared_data / "seal_zillen_pneumatic" / "data.csv", spec)
     assert report.selected == 27755
     assert len(samples) + sum(report.missing.values()) == report.selected
     assert report.pieces > 100

@@ -19,7 +19,6 @@ from friction_estimator.core.settings.config import Config
 from friction_estimator.files import read_config
 
 DEMO = Path(__file__).parents[1] / "bags" / "demo"
-EMPS = Path(__file__).parents[2] / "shared" / "data" / "emps_nlgreyfast" / "data.csv"
 
 
 def run(*words):
@@ -111,11 +110,10 @@ def test_too_large_a_structure_names_the_remedy(capsys, tmp_path):
     assert "lower fir.order" in capsys.readouterr().err
 
 
-def test_real_axis_frozen_after_the_first_half(capsys, tmp_path):
+def test_real_axis_frozen_after_the_first_half(shared_data, capsys, tmp_path):
     """EMPS, laps 1-2 learned, laps 3-4 predicted: at most 0.055, where Coulomb, viscous and offset reach 0.068."""
-    if not EMPS.exists():
-        pytest.skip("measured data are kept outside the project: ../shared/data/emps_nlgreyfast is not here")
-    time_s, velocity, friction = np.loadtxt(EMPS, delimiter=",", skiprows=1, usecols=(0, 6, 8), unpack=True)
+    table = shared_data / "emps_nlgreyfast" / "data.csv"
+    time_s, velocity, friction = np.loadtxt(table, delimiter=",", skiprows=1, usecols=(0, 6, 8), unpack=True)
     stamp = np.rint(time_s * 1e9).astype(np.int64) + 10**9
     write_samples(tmp_path / "emps", Samples(stamp, velocity, friction, np.arange(stamp.size) == 0))
     result = identified(capsys, tmp_path / "emps", "--model", "hammerstein", "--freeze-after", 0.5)

@@ -1,7 +1,6 @@
 """`info` says what is in a recording, what is wrong with its stamps, and what it cannot answer."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +16,6 @@ from friction_estimator.core.settings.config import SyncConfig
 
 START = 1_700_000_000 * NS_PER_S
 MS = 1_000_000
-SHARED_BAGS = Path(__file__).parents[2] / "shared" / "data" / "bags"
 
 
 def drive(velocity, period_ms=1, **channels):
@@ -174,11 +172,10 @@ def test_an_unreadable_recording_is_one_line(tmp_path, capsys):
     assert len(printed.err.splitlines()) == 1
 
 
-@pytest.mark.skipif(not SHARED_BAGS.is_dir(), reason=f"recordings of others are absent: {SHARED_BAGS}")
 @pytest.mark.parametrize(
     ("name", "messages"), [("servo_ros2_sqlite3", 1294), ("rosbag2_split_sqlite3", 6074), ("rosbag2_split_mcap", 6074)]
 )
-def test_recordings_of_others_are_listed(capsys, name, messages):
-    code, found, _ = info(SHARED_BAGS / name, capsys)
+def test_recordings_of_others_are_listed(shared_data, capsys, name, messages):
+    code, found, _ = info(shared_data / "bags" / name, capsys)
     assert code == 1
     assert sum(topic["messages"] for topic in found["topics"]) == messages

@@ -20,8 +20,6 @@ from friction_estimator.files import read_config, write_config
 from friction_estimator.rig.drive import Segment, segment
 from friction_estimator.rig.simulate import Scenario, simulate
 
-DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
-
 
 def abba() -> tuple[Segment, ...]:
     """Half the length of the benchmark's records."""
@@ -252,11 +250,8 @@ def test_the_verb_end_to_end(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert main(["diagnose", str(tmp_path / "none")]) == 2
 
 
-def emps() -> Samples:
-    folder = DATA / "emps_nlgreyfast"
-    if not folder.exists():
-        pytest.skip(f"measured data are not here: {folder}")
-    table = np.genfromtxt(folder / "data.csv", delimiter=",", names=True)
+def emps(shared_data: Path) -> Samples:
+    table = np.genfromtxt(shared_data / "emps_nlgreyfast" / "data.csv", delimiter=",", names=True)
     restart = np.zeros(table.size, np.bool_)
     restart[0] = True
     stamps = np.round(table["t_s"] * 1e9).astype(np.int64)
@@ -267,9 +262,9 @@ def by_name(result: Diagnosis) -> dict[str, object]:
     return {e.name: e for e in result.effects}
 
 
-def test_measured_ball_screw_shows_its_pitch_and_its_asymmetry() -> None:
+def test_measured_ball_screw_shows_its_pitch_and_its_asymmetry(shared_data: Path) -> None:
     settings = Config.from_mapping({"model.type": "hammerstein", "theory.kind": "none"})
-    result = diagnose([emps()], settings)
+    result = diagnose([emps(shared_data)], settings)
     found = {e.name: e for e in result.effects}
     ripple = found["position_dependence"]
     assert ripple.parameters["wavelength"].value == pytest.approx(2.50e-3, abs=0.02e-3)
@@ -279,12 +274,10 @@ def test_measured_ball_screw_shows_its_pitch_and_its_asymmetry() -> None:
     assert len(found) == 2
 
 
-def measured_seal(seal: str) -> list[Samples]:
+def measured_seal(shared_data: Path, seal: str) -> list[Samples]:
     """All pressures of one seal, a recording each."""
-    folder = DATA / "seal_zillen_pneumatic"
-    if not folder.exists():
-        pytest.skip(f"measured data are not here: {folder}")
-    table = np.genfromtxt(folder / "data.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
+    path = shared_data / "seal_zillen_pneumatic" / "data.csv"
+    table = np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding="utf-8")
     table = table[(table["seal"] == seal) & np.isfinite(table["v_m_s"]) & np.isfinite(table["friction_N"])]
     recordings = []
     for level in np.unique(table["nominal_bar"]):
@@ -305,8 +298,10 @@ def measured_seal(seal: str) -> list[Samples]:
 
 @pytest.mark.parametrize("seal", ["O-ring257", "X-ring257"])
 @pytest.mark.parametrize("given", [{"model.type": "hammerstein", "theory.kind": "none"}, {}], ids=["alone", "theory"])
-def test_measured_seal_shows_pressure_and_what_it_cannot_show(seal: str, given: dict[str, object]) -> None:
-    result = diagnose(measured_seal(seal), Config.from_mapping(given))
+def test_measured_seal_shows_pressure_and_what_it_cannot_show(
+    shared_data: Path, seal: str, given: dict[str, object]
+) -> None:
+    result = diagnose(measured_seal(shared_data, seal), Config.from_mapping(given))
     named = {e.name: e for e in result.effects}
     pressure = named["pressure_dependence"]
     assert {"gain_step", "wear", "viscosity_drift", "sensor_drift", "bias_step"} <= set(pressure.rivals)
