@@ -39,7 +39,7 @@ def test_json_has_the_fields_of_replay_and_the_rank(capsys, model):
     replayed = json.loads(capsys.readouterr().out)
     result = identified(capsys, DEMO, "--model", model)
     assert set(result) >= set(replayed) | {"identifiable_rank"}
-    assert result["schema"] == "friction_estimator/identify/1"
+    assert result["schema"] == "friction_estimator/identify/2"
     assert result["samples"] == replayed["samples"]
     assert 0 < result["identifiable_rank"] < result["parameter_count"]
     assert len(result["singular_values"]) == result["parameter_count"]

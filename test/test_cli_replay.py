@@ -21,7 +21,8 @@ from friction_estimator.files import read_config
 ROOT = Path(__file__).parents[1]
 DEMO = ROOT / "bags" / "demo"
 KEYS = {
-    "schema", "bag", "model", "law", "samples", "sample_rate_hz", "duration_s", "nrmse", "nrmse_persistence",
+    "schema", "bags", "units", "baselines", "curve", "test",
+    "model", "law", "samples", "sample_rate_hz", "duration_s", "nrmse", "nrmse_persistence",
     "nrmse_final", "nrmse_by_cycle", "nrmse_frozen", "fit_percent", "theory_nrmse", "diverged", "samples_per_second",
     "parameters",
 }  # fmt: skip
@@ -47,7 +48,7 @@ def demo() -> Samples:
 def test_json_has_every_key_of_the_contract(capsys):
     result = replayed(capsys, DEMO)
     assert set(result) >= KEYS
-    assert result["schema"] == "friction_estimator/replay/1"
+    assert result["schema"] == "friction_estimator/replay/2"
     assert result["samples"] == {"read": 4400, "used": 4400, "rejected": {}}
     assert result["nrmse_frozen"] is None
     assert result["nrmse_final"] < 0.05 < result["nrmse_persistence"]
@@ -173,7 +174,7 @@ def test_missing_partners_are_counted(tmp_path, demo, capsys):
         ([DEMO, "--topic", "speed=/v"], 2, "unknown input"),
         ([DEMO, "--topic", "velocity=/none"], 2, "/none"),
         ([DEMO, "--config", "none.yaml"], 2, "none.yaml"),
-        ([], 2, "bag"),
+        ([], 2, "BAG"),
     ],
 )
 def test_wrong_uses_say_what_to_do_in_one_line(words, code, says, capsys):

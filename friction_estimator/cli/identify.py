@@ -1,4 +1,4 @@
-"""`identify`: the best that the model structure can do on a recording, and how far each online law stays from it."""
+"""`identify`: the best that the model structure can do on recordings, and how far each online law stays from it."""
 
 import argparse
 import time
@@ -7,19 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from friction_estimator.cli import common
-from friction_estimator.cli.recorded import Loaded, add_run_options, load
-from friction_estimator.cli.replay import summarise
+from friction_estimator.cli import common, side_by_side
+from friction_estimator.cli.recorded import Session, add_run_options, load
+from friction_estimator.cli.replay import judged, summarise
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.fit.batch import BatchFit, fit_batch
 from friction_estimator.core.metrics import nrmse
 from friction_estimator.core.online.adaptation import LAWS
 from friction_estimator.core.online.estimator import Estimator
-from friction_estimator.core.online.replay import Replay, check_answerable, replay
+from friction_estimator.core.online.replay import Replay, check_answerable, curve_of, replay
 from friction_estimator.core.sample import Bools
 from friction_estimator.effects.extension import extension_from_config
 
-SCHEMA = "friction_estimator/identify/1"
+SCHEMA = "friction_estimator/identify/2"
 
 
 def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
@@ -28,10 +28,12 @@ def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
         subparsers,
         "identify",
         "batch reference fit: the best this structure can do on this record",
-        description="Fit the model to the whole recording at once (global start by over-parameterised least squares "
+        description="Fit the model to all recordings at once (global start by over-parameterised least squares "
         "and rank-one factorisation, then variable projection from several starts), say how many directions in "
-        "parameter space the recording determines, and compare the online laws (or the one of --law) with it.",
-        example="friction_estimator identify bags/demo --model hammerstein --out out",
+        "parameter space the recording determines, and compare the online laws (or the one of --law) with it. "
+        "Other recordings (--test) are predicted with the fit and judged beside the textbook's friction curves.",
+        example="friction_estimator identify bags/demo --model hammerstein --out out\n"
+        "  friction_estimator identify monday tuesday --test wednesday",
     )
     add_run_options(parser)
     parser.add_argument("--fit-only", action="store_true", help="leave the online laws out")
@@ -40,8 +42,8 @@ def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     output = common.Output(args.json)
-    loaded = load(args, output, {"model.type": args.model})
-    samples, config = loaded.samples, loaded.config
+    session = load(args, output, {"model.type": args.model})
+    samples, config = session.samples, session.config
     check_answerable(samples)
     learned = _learned(len(samples), args.freeze_after)
     begin = time.perf_counter()
@@ -49,15 +51,16 @@ def run(args: argparse.Namespace) -> int:
         fit = fit_batch(samples, config, extension_from_config(config), use=learned)
         advance(len(samples))
     seconds = time.perf_counter() - begin
-    result = _as_replay(loaded, fit, learned, seconds)
-    summary = summarise(loaded, result, SCHEMA) | {"law": "batch", **_identifiability(fit)}
+    result = judged(session, _as_replay(session, fit, learned, seconds))
+    summary = summarise(session, result, SCHEMA) | {"law": "batch", **_identifiability(fit)}
     if not args.fit_only:
-        summary["online"] = _online(loaded, fit, [args.law] if args.law else list(LAWS), args.freeze_after)
+        summary["online"] = _online(session, fit, [args.law] if args.law else list(LAWS), args.freeze_after)
     _tell(output, summary)
+    side_by_side.tell(output, result)
     if args.out:
         from friction_estimator.cli.results import write_results  # noqa: PLC0415 - drawing is loaded where asked for
 
-        write_results(Path(args.out), loaded.recording, result, summary)
+        write_results(Path(args.out), session.recordings, result, summary)
         output.say(f"{'written':<14}{args.out}: bag/, figures/, report.html, summary.json, config.yaml")
     output.result(summary)
     return 0
@@ -66,27 +69,34 @@ def run(args: argparse.Namespace) -> int:
 def _learned(n: int, freeze_after: float | None) -> Bools:
     """Return which of n samples are fitted, (n,)."""
     if freeze_after is not None and not 0.0 < freeze_after <= 1.0:
-        raise ConfigError(f"freeze-after is {freeze_after:g}: give the fraction of the record to fit, above 0 to 1")
+        raise ConfigError(
+            f"freeze-after is {freeze_after:g}: give the fraction of the record to fit, above 0 to 1 "
+            "(replay takes 0: it scores what --config has learned)"
+        )
     return np.arange(n) < (n if freeze_after is None else max(1, round(freeze_after * n)))
 
 
-def _as_replay(loaded: Loaded, fit: BatchFit, learned: Bools, seconds: float) -> Replay:
+def _as_replay(session: Session, fit: BatchFit, learned: Bools, seconds: float) -> Replay:
     """Return the fit as a replay whose parameters never change: both are then scored and written alike."""
-    estimator = Estimator(loaded.config, extension_from_config(loaded.config))
+    estimator = Estimator(session.config, extension_from_config(session.config))
     estimator.parameters = fit.parameters
-    parallel = loaded.config.model.type == "parallel"
-    stamps = loaded.samples.stamp_ns[[0, -1]]
+    parallel = session.config.model.type == "parallel"
+    samples = session.samples
+    begins, ends = session.starts, (*session.starts[1:], len(samples))
+    shown = [index for begin, end in zip(begins, ends, strict=True) for index in (begin, end - 1)]
     return Replay(
-        config=loaded.config,
-        samples=loaded.samples,
+        config=session.config,
+        samples=samples,
         predicted_N=fit.predicted_N,
-        theory_N=estimator.model.theoretical_friction(loaded.samples) if parallel else None,
+        theory_N=estimator.model.theoretical_friction(samples) if parallel else None,
         learned=learned,
-        snapshot_stamp_ns=[int(stamp) for stamp in stamps],
-        snapshots=[fit.parameters, fit.parameters],
+        snapshot_index=shown,
+        snapshots=[fit.parameters for _ in shown],
         health=estimator.health,
         seconds=seconds,
         estimator=estimator,
+        starts=session.starts,
+        curve=curve_of(fit, samples, learned),
     )
 
 
@@ -109,14 +119,16 @@ def _identifiability(fit: BatchFit) -> dict[str, Any]:
     }
 
 
-def _online(loaded: Loaded, fit: BatchFit, laws: list[str], freeze_after: float | None) -> dict[str, dict[str, float]]:
+def _online(
+    session: Session, fit: BatchFit, laws: list[str], freeze_after: float | None
+) -> dict[str, dict[str, float]]:
     """Return for each law its a priori error, and that error over the batch fit's on the same samples."""
-    samples = loaded.samples
+    samples = session.samples
     last = slice(len(samples) - max(2, len(samples) // 5), None)
     rows = {}
     with common.progress("online laws", len(laws) * len(samples)) as advance:
         for law in laws:
-            config = loaded.config.updated({"model.law": law})
+            config = session.config.updated({"model.law": law})
             extension = extension_from_config(config)
             online = replay(samples, config, extension=extension, freeze_after=freeze_after, advance=advance)
             whole, end = (

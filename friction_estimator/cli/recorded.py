@@ -1,16 +1,30 @@
-"""Read a recording for a verb: options, configuration, samples, and what must be said about them."""
+"""Read recordings for a verb: options, configuration, samples, and what must be said about them."""
 
 import argparse
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from itertools import accumulate
+from typing import Any, Protocol
 
 from friction_estimator.bag.read import Recording, read_recording
 from friction_estimator.bag.samples import Admitted, to_samples
 from friction_estimator.cli import common
-from friction_estimator.core.sample import Samples
+from friction_estimator.core.sample import Samples, joined
 from friction_estimator.core.settings.config import PARAMETERS, Config
 from friction_estimator.core.settings.derive import with_recorded_units
+
+
+class Described(Protocol):
+    """What the JSON of a run says about its recordings."""
+
+    @property
+    def bags(self) -> list[str]:
+        """Their paths, in order."""
+
+    def counts(self) -> dict[str, Any]:
+        """Return `samples` of the JSON: read, used and rejected by reason."""
 
 
 @dataclass(frozen=True)
@@ -26,14 +40,76 @@ class Loaded:
         """The usable samples."""
         return self.admitted.samples
 
+    @property
+    def bags(self) -> list[str]:
+        """The recording's path."""
+        return [str(self.recording.path)]
+
     def counts(self) -> dict[str, Any]:
         """Return `samples` of the JSON: read, used and rejected by reason."""
         return {"read": self.admitted.read, "used": len(self.samples), "rejected": dict(self.admitted.rejected)}
 
 
+@dataclass(frozen=True)
+class Session:
+    """Recordings that are learned in order, and others to judge by; one configuration for all.
+
+    Attributes
+    ----------
+    learned : the recordings to learn, at least one.
+    others : the recordings of `--test`.
+    config : units filled in from the samples of `learned`.
+    """
+
+    learned: tuple[Loaded, ...]
+    others: tuple[Loaded, ...]
+    config: Config
+
+    @cached_property
+    def samples(self) -> Samples:
+        """The samples to learn, each recording admitted on its own; the delay lines restart at each."""
+        return joined([loaded.samples for loaded in self.learned])
+
+    @property
+    def starts(self) -> tuple[int, ...]:
+        """Index of the first sample of each recording in `samples`."""
+        return tuple(accumulate((len(loaded.samples) for loaded in self.learned[:-1]), initial=0))
+
+    @property
+    def recordings(self) -> list[Recording]:
+        """The recordings to learn."""
+        return [loaded.recording for loaded in self.learned]
+
+    @property
+    def bags(self) -> list[str]:
+        """Paths of the recordings to learn."""
+        return [str(recording.path) for recording in self.recordings]
+
+    def counts(self) -> dict[str, Any]:
+        """Return `samples` of the JSON over the recordings to learn: read, used and rejected by reason."""
+        rejected: Counter[str] = Counter()
+        for loaded in self.learned:
+            rejected.update(loaded.admitted.rejected)
+        read = sum(loaded.admitted.read for loaded in self.learned)
+        return {"read": read, "used": len(self.samples), "rejected": dict(rejected)}
+
+
 def add_run_options(parser: argparse.ArgumentParser) -> None:
-    """Add the recording, `--model`, `--law`, `--freeze-after`, `--out` and the options of reading and of JSON."""
-    parser.add_argument("bag", help="recording: ROS 2 folder, .mcap or .db3 file, or ROS 1 .bag")
+    """Add the recordings, `--test`, `--model`, `--law`, `--freeze-after`, `--out`, options of reading and of JSON."""
+    parser.add_argument(
+        "bags",
+        nargs="+",
+        metavar="BAG",
+        help="recording: ROS 2 folder, .mcap or .db3 file, or ROS 1 .bag; several are learned in this order",
+    )
+    parser.add_argument(
+        "--test",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="BAG",
+        help="other recordings, to be predicted with what was learned, without learning; give them after BAG",
+    )
     parser.add_argument("--model", choices=PARAMETERS["model.type"].choices, help="model structure (default: parallel)")
     parser.add_argument("--law", choices=PARAMETERS["model.law"].choices, help="adaptation law (default: rls)")
     parser.add_argument(
@@ -47,17 +123,42 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
     common.add_json_option(parser)
 
 
-def load(args: argparse.Namespace, output: common.Output, overrides: Mapping[str, object] | None = None) -> Loaded:
-    """Read `args.bag`, pair and admit its messages, derive units; say what was derived and what was refused.
+def load(args: argparse.Namespace, output: common.Output, overrides: Mapping[str, object] | None = None) -> Session:
+    """Read `args.bags` and `args.test`, pair and admit their messages, derive units; say what was done and refused.
 
-    Raises InputError and UnanswerableError as reading does.
+    Everything is read before anything is computed, so that a wrong name is known at once. Units come from the
+    recordings to learn; those to judge by have no say.
+
+    Raises InputError and UnanswerableError as reading does; both name the recording.
     """
     config = common.config_from(args, overrides)
+    several = len(args.bags) + len(args.test) > 1
+    learned = [_read(bag, args, config, output, "learned" if several else "") for bag in args.bags]
+    others = [_read(bag, args, config, output, "test") for bag in args.test]
+    config = config.updated(_live_input(learned[0][0]))
+    samples = joined([admitted.samples for _, admitted in learned])
+    units = with_recorded_units(config, samples.velocity_m_s, samples.friction_N)
+    for name in ("basis.velocity_range", "force_unit"):
+        value, given = PARAMETERS[name].of(units), PARAMETERS[name].of(config)
+        if value != given:
+            shown = f"[{value[0]:.5g}, {value[1]:.5g}]" if isinstance(value, tuple) else f"{value:.5g}"
+            output.say(f"{'derived':<12}{name} = {shown} {PARAMETERS[name].unit}")
+    return Session(_with(learned, units), _with(others, units), units)
+
+
+def _with(read: Sequence[tuple[Recording, Admitted]], config: Config) -> tuple[Loaded, ...]:
+    return tuple(Loaded(recording, admitted, config) for recording, admitted in read)
+
+
+def _read(
+    bag: str, args: argparse.Namespace, config: Config, output: common.Output, heading: str
+) -> tuple[Recording, Admitted]:
+    """Read one recording; say what it holds, under its name where `heading` says what it is for."""
     with common.progress("reading", unit="messages") as advance:
-        recording = read_recording(args.bag, config.input, common.topics_from(args), advance)
+        recording = read_recording(bag, config.input, common.topics_from(args), advance)
     admitted = to_samples(recording, config)
-    config = config.updated(_live_input(recording))
-    units = with_recorded_units(config, admitted.samples.velocity_m_s, admitted.samples.friction_N)
+    if heading:
+        output.say(f"{heading:<12}{recording.path}")
     for name, stream in recording.streams.items():
         joint = f", joint {stream.joint}" if stream.joint else ""
         output.say(
@@ -72,12 +173,7 @@ def load(args: argparse.Namespace, output: common.Output, overrides: Mapping[str
         + (f"; {admitted.gaps} gaps" if admitted.gaps else "")
         + (f"; {admitted.jumps} backward jumps of the clock" if admitted.jumps else "")
     )
-    for name in ("basis.velocity_range", "force_unit"):
-        value, given = PARAMETERS[name].of(units), PARAMETERS[name].of(config)
-        if value != given:
-            shown = f"[{value[0]:.5g}, {value[1]:.5g}]" if isinstance(value, tuple) else f"{value:.5g}"
-            output.say(f"{'derived':<12}{name} = {shown} {PARAMETERS[name].unit}")
-    return Loaded(recording, admitted, units)
+    return recording, admitted
 
 
 def _live_input(recording: Recording) -> dict[str, object]:

@@ -1,15 +1,16 @@
-"""`replay`: the estimator over a recording, as fast as the machine goes, without a ROS graph."""
+"""`replay`: the estimator over recordings, as fast as the machine goes, without a ROS graph."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from friction_estimator.cli import common
-from friction_estimator.cli.recorded import Loaded, add_run_options, load
+from friction_estimator.cli import common, side_by_side
+from friction_estimator.cli.recorded import Described, Session, add_run_options, load
 from friction_estimator.core.online.replay import Replay, replay
 from friction_estimator.effects.extension import extension_from_config
 
-SCHEMA = "friction_estimator/replay/1"
+SCHEMA = "friction_estimator/replay/2"
 
 
 def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
@@ -17,10 +18,14 @@ def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
     parser = common.add_verb(
         subparsers,
         "replay",
-        "the estimator over a recording",
-        description="Run the estimator over a recording by the live node's own path and report the error of its "
-        "predictions, each made before its measurement was used.",
-        example="friction_estimator replay bags/demo --law rls --freeze-after 0.5 --out out",
+        "the estimator over recordings",
+        description="Run the estimator over recordings, one after the other, by the live node's own path and report "
+        "the error of its predictions, each made before its measurement was used. Other recordings (--test), or what "
+        "comes after --freeze-after, are predicted with what was learned, without learning, and judged beside the "
+        "textbook's friction curves fitted to the same samples.",
+        example="friction_estimator replay bags/demo --law rls --freeze-after 0.5 --out out\n"
+        "  friction_estimator replay monday tuesday --test wednesday\n"
+        "  friction_estimator replay wednesday --config out/config.yaml --freeze-after 0",
     )
     add_run_options(parser)
 
@@ -28,33 +33,50 @@ def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     output = common.Output(args.json)
-    loaded = load(args, output, {"model.type": args.model, "model.law": args.law})
-    with common.progress("replaying", len(loaded.samples)) as advance:
+    session = load(args, output, {"model.type": args.model, "model.law": args.law})
+    with common.progress("replaying", len(session.samples)) as advance:
         result = replay(
-            loaded.samples,
-            loaded.config,
-            extension=extension_from_config(loaded.config),
+            session.samples,
+            session.config,
+            extension=extension_from_config(session.config),
             freeze_after=args.freeze_after,
+            starts=session.starts,
             advance=advance,
         )
-    summary = summarise(loaded, result, SCHEMA)
+    result = judged(session, result)
+    summary = summarise(session, result, SCHEMA)
     _tell(output, summary)
+    side_by_side.tell(output, result)
     if args.out:
         # Drawing and HTML are loaded only where they are asked for.
         from friction_estimator.cli.results import write_results  # noqa: PLC0415
 
-        write_results(Path(args.out), loaded.recording, result, summary)
+        write_results(Path(args.out), session.recordings, result, summary)
         output.say(f"{'written':<12}{args.out}: bag/, figures/, report.html, summary.json, config.yaml")
     output.result(summary)
     return 0
 
 
-def summarise(loaded: Loaded, result: Replay, schema: str) -> dict[str, Any]:
+def judged(session: Session, result: Replay) -> Replay:
+    """Return the replay with the other recordings of the session predicted by what was learned.
+
+    Raises UnanswerableError where a recording cannot judge.
+    """
+    with common.progress("judging", sum(len(other.samples) for other in session.others)) as advance:
+        others = []
+        for other in session.others:
+            extension = extension_from_config(session.config)
+            others.append(result.judge(other.bags[0], other.samples, extension))
+            advance(len(other.samples))
+    return replace(result, others=tuple(others))
+
+
+def summarise(loaded: Described, result: Replay, schema: str) -> dict[str, Any]:
     """Return the JSON of a replay (INTERFACE section 2)."""
     config = result.config
     return {
         "schema": schema,
-        "bag": str(loaded.recording.path),
+        "bags": loaded.bags,
         "model": config.model.type,
         "law": config.model.law,
         "samples": loaded.counts(),

@@ -1,6 +1,6 @@
 """What `--out` writes: the enriched recording, figures, page, summary and configuration, each whole or not at all."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +9,9 @@ import numpy as np
 from friction_estimator.bag.read import Recording
 from friction_estimator.bag.source import Source
 from friction_estimator.bag.write import add_results, writing
+from friction_estimator.cli import side_by_side
 from friction_estimator.cli.common import to_json
+from friction_estimator.core.errors import InputError
 from friction_estimator.core.online.replay import Replay, with_learned
 from friction_estimator.core.sample import Floats, Ints
 from friction_estimator.files import atomic_path, write_config, write_text
@@ -17,48 +19,91 @@ from friction_estimator.report.figures import write_figures
 from friction_estimator.report.html import Section, write_page
 
 
-def write_results(folder: Path, recording: Recording, result: Replay, summary: Mapping[str, Any]) -> None:
+def write_results(
+    folder: Path, recordings: Recording | Sequence[Recording], result: Replay, summary: Mapping[str, Any]
+) -> None:
     """Write bag/, figures/, report.html, summary.json and config.yaml into `folder`.
 
+    bag/ is the recording with what was predicted; where several were learned, it holds one for each, numbered in order.
     config.yaml starts the live node, or the next replay, warm from what was learned.
+
+    Parameters
+    ----------
+    folder : made where it does not exist.
+    recordings : those that were learned, in the order of `result.parts`.
+    summary : the JSON of the run.
 
     Raises InputError where the folder cannot be written.
     """
-    write_bag(folder / "bag", recording, result)
+    taken = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    paths = ", ".join(str(recording.path) for recording in taken)
+    write_bags(folder / "bag", taken, result)
     write_config(
         folder / "config.yaml",
-        with_learned(result.config, result.parameters),
-        header=f"Written by friction_estimator from {recording.path}: derived units and learned values.\n"
+        with_learned(result.estimator.config, result.parameters),
+        header=f"Written by friction_estimator from {paths}: derived units and learned values.\n"
         "Start warm with it: estimator_node --ros-args --params-file config.yaml",
     )
     write_text(folder / "summary.json", to_json(summary) + "\n")
     with atomic_path(folder / "figures") as part:
         part.mkdir()
         figures = write_figures(result, part)
+        sections = [_figures_of_merit(summary), *_on_other_data(result)]
+        sections += [_inputs(recording) for recording in taken]
+        sections[-1].paragraphs = [*sections[-1].paragraphs, _admitted(summary)]
         write_page(
             folder / "report.html",
             "Friction estimated",
-            f"{result.config.model.type} model, law {result.config.model.law}, over {recording.path}",
-            [_figures_of_merit(summary), _inputs(recording, summary), Section("Figures", figures=figures)],
+            f"{result.config.model.type} model, law {summary['law']}, over {paths}",
+            [*sections, Section("Figures", figures=figures)],
         )
 
 
-def write_bag(path: Path, recording: Recording, result: Replay) -> None:
-    """Write the inputs as they were recorded, with prediction, residual and parameters."""
+def write_bags(path: Path, recordings: Sequence[Recording], result: Replay) -> None:
+    """Write one recording to `path`; several, numbered in order, into the folder `path`.
+
+    Raises InputError where something else than results of a former run stands there.
+    """
+    if len(recordings) == 1 and not _holds_recordings(path):
+        write_bag(path, recordings[0], result)
+        return
+    if path.exists() and not (path / "metadata.yaml").exists() and not _holds_recordings(path):
+        raise InputError(f"cannot write {path}: a folder that is no recording stands there; choose another name")
+    with atomic_path(path) as place:
+        if len(recordings) == 1:
+            write_bag(place, recordings[0], result)
+            return
+        place.mkdir()
+        digits = len(str(len(recordings)))
+        for number, (recording, part) in enumerate(zip(recordings, result.parts, strict=True), start=1):
+            name = recording.path.name if recording.path.is_dir() else recording.path.stem
+            write_bag(place / f"{number:0{digits}d}_{name}", recording, result, part)
+
+
+def _holds_recordings(path: Path) -> bool:
+    """Whether `path` is a folder with recordings in it and nothing else: empty ones do not count."""
+    inside = list(path.iterdir()) if path.is_dir() else []
+    return bool(inside) and all((item / "metadata.yaml").is_file() for item in inside)
+
+
+def write_bag(path: Path, recording: Recording, result: Replay, part: slice = slice(None)) -> None:
+    """Write the inputs as they were recorded, with prediction, residual and parameters.
+
+    `part` are the recording's samples in `result`.
+    """
     names = sorted({stream.topic for stream in recording.streams.values()})
-    friction, samples = recording.streams["friction"], result.samples
+    friction, samples = recording.streams["friction"], result.samples[part]
     # Outputs stand beside the friction that they belong to, whatever clock made its stamps.
     log_time_ns = friction.log_time_ns[_places(friction.stamp_ns, samples.stamp_ns)]
-    parameters = _snapshots(result, log_time_ns)
     with writing(path) as writer:
         with Source(recording.path) as source:
             writer.copy(source, names)
         add_results(
             writer,
             samples.stamp_ns,
-            result.predicted_N,
-            result.residual_N,
-            parameters,
+            result.predicted_N[part],
+            result.residual_N[part],
+            _snapshots(result, part, log_time_ns),
             log_time_ns=log_time_ns,
             frame_id=friction.frame_id,
             axis=result.config.input.axis,
@@ -77,10 +122,13 @@ def _places(stamp_ns: Ints, wanted_ns: Ints) -> Ints:
     return places
 
 
-def _snapshots(result: Replay, log_time_ns: Ints) -> dict[str, tuple[Ints, Floats]]:
-    times = log_time_ns[_places(result.samples.stamp_ns, np.array(result.snapshot_stamp_ns, np.int64))]
+def _snapshots(result: Replay, part: slice, log_time_ns: Ints) -> dict[str, tuple[Ints, Floats]]:
+    """Return times of recording and values of the parameters learned by samples of `part`."""
+    first, end, _ = part.indices(len(result.samples))
+    kept = [k for k, index in enumerate(result.snapshot_index) if first <= index < end]
+    times = log_time_ns[[result.snapshot_index[k] - first for k in kept]]
     return {
-        name: (times, np.array([getattr(snapshot, name) for snapshot in result.snapshots]))
+        name: (times, np.array([getattr(result.snapshots[k], name) for k in kept]))
         for name in ("fir_taps", "theory_taps", "wavelet_weights")
     }
 
@@ -100,10 +148,31 @@ def _figures_of_merit(summary: Mapping[str, Any]) -> Section:
     return Section("Error", table=rows)
 
 
-def _inputs(recording: Recording, summary: Mapping[str, Any]) -> Section:
-    counts = summary["samples"]
+def _on_other_data(result: Replay) -> list[Section]:
+    """Return the section on what was predicted without learning; none where nothing was."""
+    rows = side_by_side.rows(result)
+    if not rows:
+        return []
+    text = (
+        "Predicted with what was learned, without learning, beside curves of velocity alone fitted to the same samples "
+        "that the model learned from, the guess that friction is what it was one sample ago, and the theoretical "
+        "curve alone. Error rms over the std of measured friction (nrmse), and in newton."
+    )
+    if result.others:
+        text += (
+            f" Of other recordings the first {result.config.fir.order} samples, and as many after a gap, are left out: "
+            "the model's memory is not filled there."
+        )
+    return [Section("On other data", [text], [side_by_side.HEAD, *rows])]
+
+
+def _inputs(recording: Recording) -> Section:
     rows: list[tuple[object, ...]] = [("input", "topic", "messages")]
     rows += [(name, stream.topic, len(stream)) for name, stream in recording.streams.items()]
+    return Section(f"Input: {recording.path}", table=rows)
+
+
+def _admitted(summary: Mapping[str, Any]) -> str:
+    counts = summary["samples"]
     refused = ", ".join(f"{count} {reason}" for reason, count in counts["rejected"].items()) or "none"
-    text = f"{counts['used']} samples used of {counts['read']}; refused: {refused}."
-    return Section("Input", [text], rows)
+    return f"{counts['used']} samples used of {counts['read']}; refused: {refused}."

@@ -1,5 +1,6 @@
 """Figures of merit, the same everywhere."""
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -72,14 +73,37 @@ def drive_cycles(velocity_m_s: Floats) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(starts)]
 
 
-def by_cycle(measured: Floats, predicted: Floats, velocity_m_s: Floats) -> list[float]:
-    """Return the error rms of each drive cycle over the std of the whole record (tenths where there is no cycle)."""
+def by_cycle(measured: Floats, predicted: Floats, velocity_m_s: Floats, starts: Sequence[int] = (0,)) -> list[float]:
+    """Return the error rms of each drive cycle over the std of the whole record (tenths where there is no cycle).
+
+    Parameters
+    ----------
+    measured, predicted, velocity_m_s : (n,), N and m/s.
+    starts : where a recording begins; cycles are sought in each on its own, in this order.
+    """
     scale = spread(measured)
     if not scale > 0.0:
         return []
-    parts = drive_cycles(velocity_m_s)
-    if not parts:
-        edges = np.linspace(0, measured.size, 11).astype(int)
-        parts = [slice(a, b) for a, b in pairwise(edges) if b > a]
     error = (measured - predicted) / scale
-    return [float(np.sqrt(np.mean(np.square(error[part])))) for part in parts]
+    figures = []
+    for first, end in pairwise([*starts, measured.size]):
+        parts = drive_cycles(velocity_m_s[first:end])
+        if not parts:
+            edges = np.linspace(0, end - first, 11).astype(int)
+            parts = [slice(a, b) for a, b in pairwise(edges) if b > a]
+        figures += [float(np.sqrt(np.mean(np.square(error[first:end][part])))) for part in parts]
+    return figures
+
+
+def settled(restart: Bools, memory: int) -> Bools:
+    """Return where a model's delay lines hold measured samples only, (n,).
+
+    A restart fills them with the row of its own sample: there, and at the samples that follow until `memory` rows have
+    come, what the model predicts is right for a motion that did not change before.
+
+    >>> settled(np.array([True, False, False, True, False, False]), 2).tolist()
+    [False, False, True, False, False, True]
+    """
+    place = np.arange(restart.size)
+    last = np.maximum.accumulate(np.where(restart, place, -memory))
+    return np.asarray(place - last >= memory, np.bool_)

@@ -1,5 +1,6 @@
 """Samples as structure of arrays, in SI units: what every room of the house hands to the next."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -68,3 +69,32 @@ class Samples:
         step = np.diff(self.stamp_ns)[~self.restart[1:]]
         step = step[step > 0]
         return float(NS_PER_S / np.median(step)) if step.size else float("nan")
+
+
+def joined(recordings: Sequence[Samples]) -> Samples:
+    """Return several recordings one after the other, (sum of n,); the delay lines restart at each joint.
+
+    Stamps stay as they were recorded, so they may jump either way at a joint. A channel that some recordings lack is
+    NaN there; one that all lack is None.
+
+    >>> one = Samples(np.array([5]), np.array([0.1]), np.array([3.0]), np.array([False]))
+    >>> both = joined([one, replace(one, pressure_Pa=np.array([2e5]))])
+    >>> both.restart.tolist(), both.pressure_Pa.tolist()
+    ([True, True], [nan, 200000.0])
+
+    Raises ValueError where there is none.
+    """
+    if not recordings:
+        raise ValueError("no recording to join")
+    whole: dict[str, Any] = {}
+    for field in fields(Samples):
+        values = [getattr(part, field.name) for part in recordings]
+        if any(value is not None for value in values):
+            filled = [
+                np.full(len(part), np.nan) if value is None else value
+                for part, value in zip(recordings, values, strict=True)
+            ]
+            whole[field.name] = np.concatenate(filled)
+    begins = np.cumsum([0, *(len(part) for part in recordings[:-1])])
+    whole["restart"][begins[begins < whole["restart"].size]] = True
+    return Samples(**whole)

@@ -2,20 +2,31 @@
 
 import os
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from friction_estimator.core import metrics
 from friction_estimator.core.online.replay import Replay
-from friction_estimator.core.sample import NS_PER_S, Samples
+from friction_estimator.core.sample import Bools, Floats, Samples
 from friction_estimator.report import style
 
 SHOWN_SAMPLES = 4000
-"""Points drawn of a scatter or a signal: more hide each other."""
+"""Points drawn of a signal: more hide each other."""
+
+DENSITY_CELLS = (240, 150)
+"""Cells of velocity and friction in which samples are counted; fewer where samples are few."""
+
+LEARNED = 0.5
+"""Share of the prior's variance that data must have removed for a curve to count as learned there."""
 
 
 def write_figures(replay: Replay, folder: str | os.PathLike[str]) -> list[tuple[Path, str]]:
@@ -24,7 +35,7 @@ def write_figures(replay: Replay, folder: str | os.PathLike[str]) -> list[tuple[
     return [
         (
             style.save(signals(replay), place / "signals.png"),
-            "Start and end of the record: velocity, measured and predicted friction, and what is left. "
+            "Start and end of what was replayed: velocity, measured and predicted friction, and what is left. "
             "Every prediction was made before its measurement was used.",
         ),
         (
@@ -34,7 +45,9 @@ def write_figures(replay: Replay, folder: str | os.PathLike[str]) -> list[tuple[
         ),
         (
             style.save(friction_map(replay), place / "friction_map.png"),
-            "Measured friction against velocity in the last fifth of the record, with the learned static curve.",
+            "Friction at constant velocity as it was learned, with its 95 % band, over the measured friction (the "
+            "darker, the more samples). Dashed and grey: what no data support. Beside it Coulomb and viscous friction "
+            "fitted to the same samples.",
         ),
         (
             style.save(taps(replay), place / "taps.png"),
@@ -46,14 +59,12 @@ def write_figures(replay: Replay, folder: str | os.PathLike[str]) -> list[tuple[
 def signals(replay: Replay) -> Figure:
     """Velocity, friction and residual in the first and the last cycles."""
     samples, n = replay.samples, len(replay.samples)
-    cycles = metrics.drive_cycles(samples.velocity_m_s)
-    length = 2 * (cycles[0].stop - cycles[0].start) if cycles else n // 10
-    length = int(np.clip(length, min(n, 50), n))
+    first, last = (_excerpt_length(samples[part]) for part in (replay.parts[0], replay.parts[-1]))
     figure = Figure(figsize=(10, 6))
     axes = figure.subplots(3, 2, sharex="col", sharey="row")
-    for column, (part, title) in enumerate(((slice(0, length), "start"), (slice(n - length, n), "end"))):
-        time = samples.time_s[part]
-        thin = slice(None, None, max(1, length // SHOWN_SAMPLES))
+    for column, (part, title) in enumerate(((slice(0, first), "start"), (slice(n - last, n), "end"))):
+        time = replay.time_s[part]
+        thin = slice(None, None, max(1, time.size // SHOWN_SAMPLES))
         axes[0, column].plot(time[thin], samples.velocity_m_s[part][thin], color=style.THEORY)
         axes[1, column].plot(time[thin], samples.friction_N[part][thin], color=style.MEASURED, lw=2.4, label="measured")
         axes[1, column].plot(
@@ -75,6 +86,13 @@ def signals(replay: Replay) -> Figure:
     return figure
 
 
+def _excerpt_length(recording: Samples) -> int:
+    """Return how many samples of a recording make two drive cycles, or a tenth of it."""
+    n, cycles = len(recording), metrics.drive_cycles(recording.velocity_m_s)
+    length = 2 * (cycles[0].stop - cycles[0].start) if cycles else n // 10
+    return int(np.clip(length, min(n, 50), n))
+
+
 def convergence(replay: Replay) -> Figure:
     """Nrmse of each cycle on a logarithmic scale."""
     figures = replay.figures()
@@ -85,11 +103,14 @@ def convergence(replay: Replay) -> Figure:
     _level(axes, figures["nrmse_persistence"], "guess f[k-1]", style.MEASURED, ":")
     if figures["theory_nrmse"] is not None:
         _level(axes, figures["theory_nrmse"], "theoretical curve alone", style.THEORY, "--")
-    periodic = bool(metrics.drive_cycles(replay.samples.velocity_m_s))
-    axes.set_xlabel("drive cycle" if periodic else "tenth of the record")
+    periodic = [bool(metrics.drive_cycles(replay.samples.velocity_m_s[part])) for part in replay.parts]
+    kinds = ["drive cycle"] * any(periodic) + ["tenth of the record"] * (not all(periodic))
+    axes.set_xlabel(" or ".join(kinds) + (", a line where a recording begins" if len(replay.parts) > 1 else ""))
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylabel("nrmse (1)")
     axes.set_title("Error while learning")
+    for number in _cycles_before(replay):
+        axes.axvline(number + 0.5, color=style.MEASURED, lw=0.8)
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure
 
@@ -99,42 +120,150 @@ def _level(axes: Axes, value: float, label: str, colour: str, dash: str) -> None
         axes.axhline(value, color=colour, ls=dash, label=label)
 
 
+def _cycles_before(replay: Replay) -> list[int]:
+    """Return how many values of nrmse_by_cycle lie before each recording but the first."""
+    velocity = replay.samples.velocity_m_s
+    counts = [len(metrics.by_cycle(velocity[part], velocity[part], velocity[part])) for part in replay.parts]
+    return [sum(counts[:k]) for k in range(1, len(counts))]
+
+
 def friction_map(replay: Replay) -> Figure:
-    """Friction against velocity: measured, learned static curve, theory."""
-    samples = replay.samples[len(replay.samples) - max(2, len(replay.samples) // 5) :]
-    thin = slice(None, None, max(1, len(samples) // SHOWN_SAMPLES))
-    low, high = replay.config.basis.velocity_range
-    v = np.linspace(low, high, 801)
-    inside = (v >= samples.velocity_m_s.min()) & (v <= samples.velocity_m_s.max())
-    v = v[inside] if inside.sum() > 2 else v
-    probe = Samples(np.arange(v.size), v, np.zeros(v.size), np.ones(v.size, np.bool_), *_conditions(samples, v.size))
-    parameters = replay.parameters
-    model = replay.estimator.model
-    theory = model.theoretical_friction(probe)
-    learned = model.static_map(parameters.theta, v)
-    figure = Figure(figsize=(10, 4.2))
+    """Friction against velocity: the learned curve with its band over the measured samples, beside its rivals."""
+    samples = replay.samples
+    curve = replay.curve if replay.curve is not None else _without_band(replay)
+    v = curve.velocity_m_s
+    figure = Figure(figsize=(10, 5.0))
     axes = figure.subplots()
-    axes.plot(samples.velocity_m_s[thin], samples.friction_N[thin], ".", ms=2, color=style.MEASURED, label="measured")
-    if parameters.theory_taps.size:
-        learned = learned + parameters.theory_taps.sum() * theory
-        axes.plot(v, theory, "--", color=style.THEORY, label="theoretical curve")
-    axes.plot(v, learned, color=style.LEARNED, label="learned, at constant velocity")
     reach = 1.2 * float(np.quantile(np.abs(samples.friction_N), 0.999))
+    low, high = min(v[0], samples.velocity_m_s.min()), max(v[-1], samples.velocity_m_s.max())
+    margin = 0.02 * (high - low)
+    axes.set_xlim(low - margin, high + margin)
     axes.set_ylim(-reach, reach)
+    handles: list[Artist] = [_density(axes, samples, (low, high), reach)]
+    supported = _supported(curve, samples.velocity_m_s[replay.learned])
+    if curve.low_N is not None:
+        low_N, high_N = np.asarray(curve.low_N), np.asarray(curve.high_N)
+        for where, colour, alpha in ((supported, style.LEARNED, 0.22), (~supported, style.UNSUPPORTED, 0.25)):
+            drawn = axes.fill_between(
+                v, low_N, high_N, where=_reaching(where), color=colour, alpha=alpha, lw=0.0, zorder=2
+            )
+            if where.any():
+                drawn.set_label("95 % band" if colour == style.LEARNED else "95 % band, no data")
+                handles.append(drawn)
+    theory = _theory(replay, v, curve)
+    if theory is not None:
+        handles += axes.plot(v, theory, ":", color=style.THEORY, lw=1.4, label="theoretical curve", zorder=3)
+    if "coulomb_viscous" in replay.baseline_curves:
+        known = replay.baseline_curves["coulomb_viscous"].evaluate(v)
+        handles += axes.plot(v, known, color=style.ACCENT, lw=0.9, label="Coulomb and viscous, fitted", zorder=4)
+    for where, colour, dash, label in (
+        (supported, style.LEARNED, "-", "learned"),
+        (~supported, style.UNSUPPORTED, "--", "learned, no data"),
+    ):
+        if where.any():
+            line = np.where(_reaching(where), curve.friction_N, np.nan)
+            handles += axes.plot(v, line, dash, color=colour, lw=1.6, label=label, zorder=5)
     axes.set_xlabel("velocity (m/s)")
     axes.set_ylabel("friction (N)")
-    axes.set_title("Friction against velocity")
-    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    axes.set_title(_conditions(replay, curve))
+    axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure
 
 
-def _conditions(samples: Samples, n: int) -> list[np.ndarray | None]:
-    """Median pressure and temperature of the part that is drawn, held over the probe."""
-    held: list[np.ndarray | None] = []
-    for channel in (samples.pressure_Pa, samples.temperature_degC):
-        known = channel is not None and bool(np.isfinite(channel).any())
-        held.append(np.full(n, np.nanmedian(channel)) if known and channel is not None else None)
-    return held
+def _density(axes: Axes, samples: Samples, span: tuple[float, float], reach: float) -> Patch:
+    """Draw how many samples lie where, the more the darker; return what stands for them in the legend."""
+    seen = (np.abs(samples.friction_N) <= reach) & np.isfinite(samples.velocity_m_s)
+    across, along = DENSITY_CELLS
+    fewer = min(1.0, max(0.5, np.sqrt(len(samples) / 20_000)))
+    cells = (int(across * fewer), int(along * fewer))
+    count, x, y = np.histogram2d(
+        samples.velocity_m_s[seen],
+        samples.friction_N[seen],
+        bins=cells,
+        range=(span if span[1] > span[0] else (span[0] - 1e-9, span[0] + 1e-9), (-reach, reach)),
+    )
+    shown = np.ma.masked_equal(count.T, 0)
+    axes.pcolormesh(x, y, shown, cmap=style.DENSITY, norm=LogNorm(1, max(2.0, count.max())), zorder=1, rasterized=True)
+    return Patch(color=style.DENSITY(0.5), label="measured")
+
+
+def _supported(curve: Any, velocity_m_s: Floats) -> Bools:
+    """Return where data support the curve: within the velocities learned, and half of the prior's variance gone."""
+    v = curve.velocity_m_s
+    known: Bools = np.ones(v.size, np.bool_) if curve.learned_share is None else curve.learned_share >= LEARNED
+    if velocity_m_s.size:
+        spacing = (v[-1] - v[0]) / max(1, v.size - 1)
+        known = known & (v >= velocity_m_s.min() - spacing) & (v <= velocity_m_s.max() + spacing)
+    return known
+
+
+@dataclass(frozen=True)
+class _Bare:
+    """A static curve of an estimator that gives no band."""
+
+    velocity_m_s: Floats
+    friction_N: Floats
+    pressure_Pa: float
+    temperature_degC: float
+    low_N: Floats | None = None
+    high_N: Floats | None = None
+    learned_share: Floats | None = None
+
+
+def _without_band(replay: Replay) -> _Bare:
+    """Return the learned curve without a band, over the velocities of the record, at its median conditions."""
+    samples, settings = replay.samples, replay.config.theory
+    v = np.linspace(samples.velocity_m_s.min(), samples.velocity_m_s.max(), 401)
+    bare = _Bare(
+        velocity_m_s=v,
+        friction_N=replay.estimator.model.static_map(replay.parameters.theta, v),
+        pressure_Pa=_median(samples.pressure_Pa, settings.default_pressure + settings.ambient_pressure)
+        - settings.ambient_pressure,
+        temperature_degC=_median(samples.temperature_degC, settings.default_temperature),
+    )
+    theory = _theory(replay, v, bare)
+    if theory is None:
+        return bare
+    return replace(bare, friction_N=bare.friction_N + replay.parameters.theory_taps.sum() * theory)
+
+
+def _median(channel: Floats | None, default: float) -> float:
+    return float(np.nanmedian(channel)) if channel is not None and np.isfinite(channel).any() else default
+
+
+def _reaching(where: Bools) -> Bools:
+    """Return `where` with one point more at each end, so that neighbouring pieces of a line meet."""
+    out = where.copy()
+    out[1:] |= where[:-1]
+    out[:-1] |= where[1:]
+    return out
+
+
+def _theory(replay: Replay, velocity_m_s: Floats, curve: Any) -> Floats | None:
+    """Return the theoretical curve at the conditions of the learned one; None for a model without."""
+    if not replay.parameters.theory_taps.size:
+        return None
+    n = velocity_m_s.size
+    ambient = replay.config.theory.ambient_pressure
+    probe = Samples(
+        np.arange(n),
+        velocity_m_s,
+        np.zeros(n),
+        np.ones(n, np.bool_),
+        np.full(n, curve.pressure_Pa + ambient),
+        np.full(n, curve.temperature_degC),
+    )
+    return replay.estimator.model.theoretical_friction(probe)
+
+
+def _conditions(replay: Replay, curve: Any) -> str:
+    """Return the title: the conditions, where they were recorded."""
+    recorded = []
+    if replay.samples.pressure_Pa is not None and np.isfinite(replay.samples.pressure_Pa).any():
+        recorded.append(f"{curve.pressure_Pa * 1e-5:.3g} bar")
+    if replay.samples.temperature_degC is not None and np.isfinite(replay.samples.temperature_degC).any():
+        recorded.append(f"{curve.temperature_degC:.3g} °C")
+    return "Friction against velocity" + (f", learned curve at {', '.join(recorded)}" if recorded else "")
 
 
 def taps(replay: Replay) -> Figure:
@@ -142,7 +271,7 @@ def taps(replay: Replay) -> Figure:
     blocks = [("taps behind g", [p.fir_taps for p in replay.snapshots])]
     if replay.parameters.theory_taps.size:
         blocks.append(("taps behind the theoretical curve", [p.theory_taps for p in replay.snapshots]))
-    seconds = (np.array(replay.snapshot_stamp_ns) - replay.samples.stamp_ns[0]) / NS_PER_S
+    seconds = replay.time_s[replay.snapshot_index]
     figure = Figure(figsize=(10, 2.6 * len(blocks)))
     axes = figure.subplots(len(blocks), 2, squeeze=False, width_ratios=(2, 1))
     for row, (title, history) in enumerate(blocks):

@@ -7,6 +7,7 @@ import matplotlib as mpl
 
 mpl.use("Agg")
 
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
 from friction_estimator.files import atomic_path
@@ -17,6 +18,10 @@ THEORY = "#2b6cb0"
 LEARNED = "#c8471e"
 RESIDUAL = "#4a5560"
 ACCENT = "#2f855a"
+UNSUPPORTED = "#6b7280"
+
+DENSITY = LinearSegmentedColormap.from_list("density", ["#e8eaee", "#8a8f98"])
+"""Few samples to many."""
 
 mpl.rcParams.update(
     {

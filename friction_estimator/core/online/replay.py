@@ -1,43 +1,69 @@
-"""The estimator over a recording, and the figures that `replay` reports."""
+"""The estimator over recordings, what it says of others without learning, and the figures that `replay` reports."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from friction_estimator.core import metrics
 from friction_estimator.core.errors import ConfigError, UnanswerableError
+from friction_estimator.core.fit.baselines import StaticCurve
+from friction_estimator.core.fit.batch import predict
+from friction_estimator.core.fit.frozen_score import FrozenScore, curves_learned, frozen_score
 from friction_estimator.core.model.structure import Extension, Model, Parameters
 from friction_estimator.core.online.estimator import Estimator, Health
-from friction_estimator.core.sample import Bools, Floats, Samples
+from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Samples
 from friction_estimator.core.settings.config import Config
 
 BLOCK = 65536
 """Samples between two reports of progress, and between two snapshots of the parameters at the most."""
 
 SNAPSHOTS = 200
-"""Parameter snapshots kept over a replay."""
+"""Parameter snapshots kept over a replay, and one at the end of each recording."""
 
 DIVERGED = 2.0
 """An error rms over the last fifth above this many standard deviations of the whole record is divergence."""
 
 
 @dataclass(frozen=True)
+class Judged:
+    """Another recording, predicted with what was learned and without learning.
+
+    Attributes
+    ----------
+    name : the recording.
+    samples : its admitted samples.
+    predicted_N : (n,), N.
+    score : over all samples but those that follow a restart (the first sample is one) within the model's memory.
+    """
+
+    name: str
+    samples: Samples
+    predicted_N: Floats
+    score: FrozenScore
+
+
+@dataclass(frozen=True)
 class Replay:
-    """A recording with what the estimator made of it.
+    """Recordings with what the estimator made of them.
 
     Attributes
     ----------
     config : the configuration that was run, units filled in.
-    samples : the admitted samples.
+    samples : the admitted samples of all recordings, in order.
     predicted_N : (n,), friction predicted before each measurement was used.
     theory_N : (n,), the theoretical curve at the samples; None for Hammerstein.
     learned : (n,), where the estimator was allowed to learn.
-    snapshot_stamp_ns : (k,) and snapshots : the parameters after the sample of that stamp.
+    snapshot_index : (k,) and snapshots : the parameters after the sample of that index.
     health : the estimator's own counters.
     seconds : wall-clock time of prediction and learning.
+    starts : index of the first sample of each recording.
+    curve : the static curve learned, with its band; None where the estimator gives none.
+    others : recordings that were predicted with what was learned.
     """
 
     config: Config
@@ -45,11 +71,14 @@ class Replay:
     predicted_N: Floats
     theory_N: Floats | None
     learned: Bools
-    snapshot_stamp_ns: list[int]
+    snapshot_index: list[int]
     snapshots: list[Parameters]
     health: Health
     seconds: float
     estimator: Estimator
+    starts: tuple[int, ...] = (0,)
+    curve: Any = None
+    others: tuple[Judged, ...] = ()
 
     @property
     def parameters(self) -> Parameters:
@@ -61,26 +90,104 @@ class Replay:
         """Measured minus predicted, (n,), N."""
         return self.samples.friction_N - self.predicted_N
 
+    @property
+    def parts(self) -> list[slice]:
+        """The samples of each recording."""
+        return [slice(a, b) for a, b in pairwise([*self.starts, len(self.samples)])]
+
+    @property
+    def duration_s(self) -> float:
+        """Time that passed in the recordings, s; what lies between them does not count."""
+        return sum(self.samples[part].duration_s for part in self.parts)
+
+    @property
+    def time_s(self) -> Floats:
+        """Running time, (n,), s: each recording follows the one before after a usual step; no clock jump counts."""
+        step = np.diff(self.samples.stamp_ns, prepend=self.samples.stamp_ns[:1])
+        step[step < 0] = 0
+        rate = self.samples.sample_rate_hz
+        step[list(self.starts[1:])] = round(NS_PER_S / rate) if np.isfinite(rate) else 0
+        return np.asarray(np.cumsum(step) / NS_PER_S, np.float64)
+
+    @cached_property
+    def baseline_curves(self) -> dict[str, StaticCurve]:
+        """The textbook's curves fitted to what was learned from; empty where that does not do for a curve."""
+        return curves_learned(self.samples.velocity_m_s[self.learned], self.samples.friction_N[self.learned])
+
+    @cached_property
+    def frozen_score(self) -> FrozenScore | None:
+        """The model and its rivals over the samples not learned from; None where there are none.
+
+        Samples that follow a restart within the model's memory are left out: they are predicted, but from delay lines
+        that nothing measured has filled yet.
+        """
+        frozen = ~self.learned
+        if not frozen.any():
+            return None
+        scored = frozen & metrics.settled(self.samples.restart, self.config.fir.order)
+        return frozen_score(self.samples, self.predicted_N, self.theory_N, scored, self.baseline_curves)
+
+    def judge(self, name: str, samples: Samples, extension: Extension | None = None) -> Judged:
+        """Predict another recording with the values learned, frozen; delay lines start afresh, nothing changes here.
+
+        Parameters
+        ----------
+        samples : its admitted samples.
+        extension : of the same terms as in the replay, an instance of its own.
+
+        Raises
+        ------
+        UnanswerableError : fewer than two samples outlast the model's memory, or their friction is constant.
+        """
+        config = self.estimator.config
+        scored = metrics.settled(samples.restart, config.fir.order)
+        count = int(np.count_nonzero(scored))
+        if count < 2:
+            raise UnanswerableError(
+                f"{name}: {count} usable samples follow the model's memory of {config.fir.order} samples: too few to "
+                "judge by"
+            )
+        if not metrics.spread(samples.friction_N[scored]) > 0.0:
+            raise UnanswerableError(
+                f"{name}: friction is constant at {samples.friction_N[scored][0]:g} N in all {count} samples: there is "
+                "nothing to judge by; is it the right topic, axis or joint?"
+            )
+        predicted = predict(samples, config, self.parameters, extension)
+        theory = None if self.theory_N is None else self.estimator.model.theoretical_friction(samples)
+        return Judged(name, samples, predicted, frozen_score(samples, predicted, theory, scored, self.baseline_curves))
+
     def figures(self) -> dict[str, Any]:
         """Return the figures of merit of `replay --json` (INTERFACE names)."""
         measured, predicted = self.samples.friction_N, self.predicted_N
         last = slice(len(self.samples) - max(2, len(self.samples) // 5), None)
         final = metrics.nrmse(measured[last], predicted[last])
         end_rms = float(np.sqrt(np.mean(np.square(self.residual_N[last]))))
-        frozen = ~self.learned
+        frozen = self.frozen_score
         theory = None if self.theory_N is None else metrics.nrmse(measured, self.theory_N)
         return {
             "sample_rate_hz": self.samples.sample_rate_hz,
-            "duration_s": self.samples.duration_s,
+            "duration_s": self.duration_s,
             "nrmse": metrics.nrmse(measured, predicted),
             "nrmse_persistence": metrics.nrmse_persistence(measured, self.samples.restart),
             "nrmse_final": final,
-            "nrmse_by_cycle": metrics.by_cycle(measured, predicted, self.samples.velocity_m_s),
-            "nrmse_frozen": metrics.nrmse(measured[frozen], predicted[frozen]) if frozen.any() else None,
+            "nrmse_by_cycle": metrics.by_cycle(measured, predicted, self.samples.velocity_m_s, self.starts),
+            "nrmse_frozen": None if frozen is None else frozen.nrmse,
             "fit_percent": 100.0 * (1.0 - final),
             "theory_nrmse": theory,
             "diverged": bool(not np.isfinite(predicted).all() or end_rms > DIVERGED * metrics.spread(measured)),
             "samples_per_second": len(self.samples) / self.seconds if self.seconds > 0.0 else None,
+            "units": {"velocity": "m/s", "friction": "N"},
+            "baselines": None if frozen is None else frozen.baselines,
+            "curve": curve_as_json(self.curve),
+            "test": [
+                {
+                    "bag": other.name,
+                    "samples": len(other.samples),
+                    "nrmse": other.score.nrmse,
+                    "baselines": other.score.baselines,
+                }
+                for other in self.others
+            ],
             "parameters": parameters_of(self.estimator.model, self.parameters),
         }
 
@@ -91,41 +198,41 @@ def replay(
     *,
     extension: Extension | None = None,
     freeze_after: float | None = None,
+    starts: Sequence[int] = (0,),
     advance: Callable[[int], None] = lambda _: None,
 ) -> Replay:
     """Run the estimator over samples in order.
 
     Parameters
     ----------
+    samples : of one recording, or of several joined (`sample.joined`).
     config : with units set (see `derive.with_recorded_units`).
-    freeze_after : learn on this fraction of the samples only, (0, 1]; None learns throughout.
+    freeze_after : learn on this first fraction of the samples only, [0, 1]: at 0 the configuration's values are judged
+        as they are; None learns throughout.
+    starts : index of the first sample of each recording.
     advance : told the number of samples just done.
 
     Raises
     ------
     UnanswerableError : fewer than two samples, or constant friction.
-    ConfigError : `freeze_after` outside (0, 1].
+    ConfigError : `freeze_after` outside [0, 1].
     """
     check_answerable(samples)
     n = len(samples)
-    if freeze_after is not None and not 0.0 < freeze_after <= 1.0:
-        raise ConfigError(
-            f"freeze-after is {freeze_after:g}: give the fraction of the record to learn on, above 0 to 1"
-        )
+    if freeze_after is not None and not 0.0 <= freeze_after <= 1.0:
+        raise ConfigError(f"freeze-after is {freeze_after:g}: give the fraction of the record to learn on, 0 to 1")
     learn = np.full(n, config.model.adapt)
     if freeze_after is not None:
         learn[round(freeze_after * n) :] = False
     estimator = Estimator(config, extension)
     predicted = np.empty(n)
-    stamps, snapshots = [], []
+    indices, snapshots = [], []
     seconds = 0.0
-    block = min(BLOCK, max(1, n // SNAPSHOTS))
-    for start in range(0, n, block):
-        part = slice(start, min(start + block, n))
+    for part in _blocks(n, starts):
         begin = time.perf_counter()
         predicted[part] = estimator.run(samples[part], learn[part])
         seconds += time.perf_counter() - begin
-        stamps.append(int(samples.stamp_ns[part.stop - 1]))
+        indices.append(part.stop - 1)
         snapshots.append(estimator.parameters)
         advance(part.stop - part.start)
     parallel = config.model.type == "parallel"
@@ -135,12 +242,49 @@ def replay(
         predicted_N=predicted,
         theory_N=estimator.model.theoretical_friction(samples) if parallel else None,
         learned=learn,
-        snapshot_stamp_ns=stamps,
+        snapshot_index=indices,
         snapshots=snapshots,
         health=estimator.health,
         seconds=seconds,
         estimator=estimator,
+        starts=tuple(starts),
+        curve=curve_of(estimator, samples, learn),
     )
+
+
+def _blocks(n: int, starts: Sequence[int]) -> list[slice]:
+    """Return the blocks that are run at a time; none reaches over the start of a recording."""
+    block = min(BLOCK, max(1, n // SNAPSHOTS))
+    edges = sorted({*range(0, n, block), *(start for start in starts if start < n), n})
+    return [slice(a, b) for a, b in pairwise(edges)]
+
+
+def curve_of(source: Any, samples: Samples, learned: Bools) -> Any:
+    """Return the static curve of an estimator or a batch fit, with its 95 % band, at the conditions learned in.
+
+    The conditions are those of the first samples that were learned from, of all where none was. None where `source`
+    gives no curve.
+    """
+    if not hasattr(source, "curve"):
+        return None
+    count = int(np.count_nonzero(learned))
+    return source.curve(samples[:count] if count else samples)
+
+
+def curve_as_json(curve: Any) -> dict[str, Any] | None:
+    """Return a static curve as JSON has it (INTERFACE names)."""
+    if curve is None:
+        return None
+    names = (
+        "velocity_m_s",
+        "friction_N",
+        "low_N",
+        "high_N",
+        "pressure_Pa",
+        "temperature_degC",
+        "learned_share",
+    )
+    return {name: getattr(curve, name) for name in names}
 
 
 def check_answerable(samples: Samples) -> None:

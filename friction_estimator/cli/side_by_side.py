@@ -1,0 +1,58 @@
+"""A model that does not learn beside its rivals, as a table: for the console and for the page."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from friction_estimator.cli import common
+from friction_estimator.core.fit.frozen_score import FrozenScore
+from friction_estimator.core.online.replay import Replay
+
+NAMES = {
+    "coulomb_viscous": "coulomb+viscous",
+    "stribeck": "stribeck",
+    "stribeck_asymmetric": "asym. stribeck",
+    "persistence": "f[k-1]",
+    "theory": "theory",
+}
+"""Baseline -> how a table's head calls it."""
+
+HEAD = ("without learning", "samples", "unit", "model", *NAMES.values())
+
+
+def scores_of(result: Replay) -> list[tuple[str, FrozenScore]]:
+    """Return what was predicted without learning, by name: the frozen part of the record, then other recordings."""
+    frozen = result.frozen_score
+    own = [] if frozen is None else [("all samples" if not result.learned.any() else "after --freeze-after", frozen)]
+    return own + [(other.name, other.score) for other in result.others]
+
+
+def rows(result: Replay) -> list[tuple[str, ...]]:
+    """Return two rows of cells as `HEAD` names them for each of `scores_of`: nrmse, and rms error in newton."""
+    out = []
+    for name, score in scores_of(result):
+        values = [score.nrmse, *(score.baselines[key] for key in NAMES)]
+        out.append((name, str(score.samples), "nrmse", *(_cell(value, 1.0) for value in values)))
+        out.append(("", "", "N", *(_cell(value, score.spread_N) for value in values)))
+    return out
+
+
+def _cell(value: float | None, factor: float) -> str:
+    return "-" if value is None or not np.isfinite(value) else f"{factor * value:.4g}"
+
+
+def tell(output: common.Output, result: Replay) -> None:
+    """Print the table where something was predicted without learning."""
+    lines = rows(result)
+    if not lines:
+        return
+    width = [max(len(line[k]) for line in [HEAD, *lines]) for k in range(len(HEAD))]
+    for line in [HEAD, *lines]:
+        output.say("  ".join(_placed(line, width)).rstrip())
+
+
+def _placed(line: Sequence[str], width: Sequence[int]) -> list[str]:
+    """Return the cells of a row at equal width: names to the left, figures to the right."""
+    return [
+        cell.ljust(size) if k == 0 else cell.rjust(size) for k, (cell, size) in enumerate(zip(line, width, strict=True))
+    ]
