@@ -74,7 +74,7 @@ def signals(replay: Replay) -> Figure:
         axes[0, column].set_title(f"{title} of the record")
         axes[2, column].set_xlabel("time (s)")
         # A start-up transient must not flatten everything else.
-    reach = 1.15 * float(np.quantile(np.abs(samples.friction_N), 0.999))
+    reach = 1.15 * _usual_size(samples.friction_N)
     axes[1, 0].set_ylim(-reach, reach)
     error_reach = 4.0 * float(np.sqrt(np.mean(np.square(np.clip(replay.residual_N, -reach, reach)))))
     if error_reach > 0.0:
@@ -84,6 +84,12 @@ def signals(replay: Replay) -> Figure:
     axes[1, 1].legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2, borderaxespad=0.0)
     figure.align_ylabels(axes[:, 0])
     return figure
+
+
+def _usual_size(friction_N: Floats) -> float:
+    """Return the largest friction but for rare spikes, N; above 0 unless all are 0."""
+    size = np.abs(friction_N)
+    return float(np.quantile(size, 0.999) or size.max())
 
 
 def _excerpt_length(recording: Samples) -> int:
@@ -134,12 +140,12 @@ def friction_map(replay: Replay) -> Figure:
     v = curve.velocity_m_s
     figure = Figure(figsize=(10, 5.0))
     axes = figure.subplots()
-    reach = 1.2 * float(np.quantile(np.abs(samples.friction_N), 0.999))
+    reach = 1.2 * _usual_size(samples.friction_N)
     low, high = min(v[0], samples.velocity_m_s.min()), max(v[-1], samples.velocity_m_s.max())
-    margin = 0.02 * (high - low)
+    margin = 0.02 * (high - low) or 1e-3
     axes.set_xlim(low - margin, high + margin)
     axes.set_ylim(-reach, reach)
-    handles: list[Artist] = [_density(axes, samples, (low, high), reach)]
+    handles: list[Artist] = [_density(axes, samples, (low - margin, high + margin), reach)]
     supported = _supported(curve, samples.velocity_m_s[replay.learned])
     if curve.low_N is not None:
         low_N, high_N = np.asarray(curve.low_N), np.asarray(curve.high_N)
@@ -180,7 +186,7 @@ def _density(axes: Axes, samples: Samples, span: tuple[float, float], reach: flo
         samples.velocity_m_s[seen],
         samples.friction_N[seen],
         bins=cells,
-        range=(span if span[1] > span[0] else (span[0] - 1e-9, span[0] + 1e-9), (-reach, reach)),
+        range=(span, (-reach, reach)),
     )
     shown = np.ma.masked_equal(count.T, 0)
     axes.pcolormesh(x, y, shown, cmap=style.DENSITY, norm=LogNorm(1, max(2.0, count.max())), zorder=1, rasterized=True)
