@@ -56,6 +56,16 @@ def connected(graph, prefix=""):
     return feeder, heard
 
 
+def await_predictions(graph, heard, stamps, prefix=""):
+    """Wait for the prediction of every sample; a failure tells which are missing, and what the node counted."""
+    try:
+        await_(lambda: len(heard) >= stamps.size, "all predictions")
+    except AssertionError as error:
+        missing = np.flatnonzero(~np.isin(stamps, [force(raw)[0] for raw in heard])).tolist()
+        values = diagnostics(graph, bool, f"{prefix}/friction_estimator")
+        raise AssertionError(f"{error}: {len(heard)} of {stamps.size}, missing {missing}; the node: {values}") from None
+
+
 @pytest.mark.parametrize("model", ["parallel", "hammerstein"])
 def test_live_equals_offline(graph, model):
     process = graph.start_node({"model.type": model})
@@ -65,7 +75,7 @@ def test_live_equals_offline(graph, model):
     stamps, velocity, friction = motion(2000, 1000.0)
     feed(feeder, stamps, velocity, friction)
     feeder.acknowledged()
-    await_(lambda: len(predicted) >= stamps.size, "all predictions")
+    await_predictions(graph, predicted, stamps)
     found = [force(raw) for raw in predicted]
     assert [stamp for stamp, _ in found] == stamps.tolist()
     expected = offline(stamps, velocity, friction, **{"model.type": model})
@@ -278,7 +288,8 @@ def test_two_nodes_in_two_namespaces(graph):
     feed(right, stamps[:100], velocity[:100], friction[:100])
     left.acknowledged()
     right.acknowledged()
-    await_(lambda: len(heard_left) == 200 and len(heard_right) == 100, "predictions of both")
+    await_predictions(graph, heard_left, stamps, "/left")
+    await_predictions(graph, heard_right, stamps[:100], "/right")
     for side, count in (("left", "200"), ("right", "100")):
         diagnostics(graph, lambda v, n=count: v.get("predictions") == n, f"/{side}/friction_estimator")
 
