@@ -1,0 +1,113 @@
+"""The prior: positive definite, g vanishes at standstill, impulse responses die out, theory passes through."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from synthetic import MODELS, samples_of, sine
+
+from friction_estimator.core.fit.batch import predict
+from friction_estimator.core.model.prior import Prior, decaying
+from friction_estimator.core.model.structure import Model
+from friction_estimator.core.settings.config import Config
+
+
+def model_of(model_type="parallel", **changes):
+    values = {"model.type": model_type, "basis.velocity_range": [-0.1, 0.1], "force_unit": 2.0}
+    return Model(Config.from_mapping(values | {name.replace("__", "."): v for name, v in changes.items()}))
+
+
+def correlation(covariance):
+    scale = 1.0 / np.sqrt(np.diag(covariance))
+    return covariance * scale[:, None] * scale
+
+
+@given(st.integers(1, 65), st.floats(1e-6, 1e3), st.floats(0.01, 0.9999))
+def test_impulse_responses_die_out_and_their_kernel_is_positive_definite(taps, deviation, decay):
+    kernel = decaying(taps, deviation, decay)
+    np.testing.assert_array_equal(kernel, kernel.T)
+    np.testing.assert_allclose(np.diag(kernel), deviation**2 * decay ** np.arange(taps), rtol=1e-12)
+    # Scaled to unit variances it is that of a stationary first-order process, whose least eigenvalue is known.
+    root = np.sqrt(decay)
+    assert np.linalg.eigvalsh(correlation(kernel)).min() > 0.9 * (1.0 - root) / (1.0 + root)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.fixed_dictionaries(
+        {
+            "prior.weight_deviation": st.floats(1e-6, 1e6),
+            "prior.weight_slope": st.floats(0.0, 8.0),
+            "prior.tap_deviation": st.floats(1e-6, 1e3),
+            "prior.theory_tap_deviation": st.floats(1e-6, 1e3),
+            "prior.tap_decay": st.floats(0.01, 0.9999),
+            "prior.rest_deviation": st.floats(1e-6, 1e6),
+            "prior.residual_deviation": st.floats(1e-6, 1e3),
+            "fir.order": st.sampled_from([0, 8]),
+        }
+    )
+)
+def test_whatever_is_set_the_prior_is_positive_definite_and_its_information_the_inverse(values):
+    prior = Prior.of(model_of(**{name.replace(".", "__"): value for name, value in values.items()}))
+    scale = prior.deviation
+    assert np.all(scale > 0.0)
+    np.testing.assert_array_equal(prior.covariance, prior.covariance.T)
+    np.testing.assert_allclose(prior.root @ prior.root.T / np.outer(scale, scale), correlation(prior.covariance))
+    np.testing.assert_array_equal(prior.root, np.tril(prior.root))
+    np.testing.assert_allclose(prior.root.T @ prior.information @ prior.root, np.eye(scale.size), atol=1e-5)
+    assert prior.residual_variance == values["prior.residual_deviation"] ** 2
+
+
+@pytest.mark.parametrize("model_type", MODELS)
+def test_information_is_the_inverse_of_the_default_covariance(model_type):
+    prior = Prior.of(model_of(model_type))
+    np.testing.assert_allclose(prior.information @ prior.covariance, np.eye(prior.mean.size), atol=1e-7)
+
+
+@pytest.mark.parametrize("rest", [1e-3, 0.003, 0.1])
+def test_at_standstill_g_deviates_by_rest_deviation_and_elsewhere_by_much_more(rest):
+    model = model_of(prior__rest_deviation=rest)
+    covariance = Prior.of(model).covariance
+    weights = slice(int(model.shape[0]), int(model.shape[0] + model.shape[1]))
+    psi = model.basis.dense(np.array([0.0, 0.05, -0.05, 0.1]))
+    deviation = np.sqrt(np.diag(psi @ covariance[weights, weights] @ psi.T))
+    assert deviation[0] == pytest.approx(rest, rel=0.05)
+    assert np.all(deviation[1:] > max(3.0 * rest, 0.1))
+
+
+@pytest.mark.parametrize("reach", [(0.02, 0.1), (-0.1, -0.01)])
+def test_a_range_without_standstill_says_nothing_of_it(reach):
+    model = model_of(basis__velocity_range=reach)
+    covariance = Prior.of(model).covariance
+    weights = slice(int(model.shape[0]), int(model.shape[0] + model.shape[1]))
+    expected = np.square(model.basis.prior_scale(model.config.prior.weight_slope))
+    np.testing.assert_array_equal(covariance[weights, weights], np.diag(expected))
+
+
+@pytest.mark.parametrize("slope", [0.0, 1.5, 3.0])
+def test_deviations_fall_with_the_level_by_the_slope(slope):
+    model = model_of(prior__weight_slope=slope, prior__weight_deviation=0.5)
+    taps, weights = model.shape[:2]
+    deviation = Prior.of(model).deviation[taps : taps + weights]
+    expected = 0.5 * 2.0 ** (slope * (model.basis.level_of - model.config.basis.coarsest_level))
+    at_rest = model.basis.dense(np.zeros(1))[0] != 0.0
+    np.testing.assert_allclose(deviation[~at_rest], expected[~at_rest], rtol=1e-12)
+    assert np.all(deviation[at_rest] <= expected[at_rest] * (1 + 1e-12))  # knowing g(0) only takes away
+
+
+def test_taps_have_the_deviations_that_are_set():
+    model = model_of(prior__tap_deviation=0.2, prior__theory_tap_deviation=0.5, prior__tap_decay=0.64, fir__order=2)
+    parts = model.split(Prior.of(model).deviation)
+    np.testing.assert_allclose(parts.fir_taps, 0.2 * 0.8 ** np.arange(3))
+    np.testing.assert_allclose(parts.theory_taps, 0.5 * 0.8 ** np.arange(3))
+
+
+@pytest.mark.parametrize("model_type", MODELS)
+def test_the_mean_predicts_the_theory_and_nothing_else(model_type):
+    model = model_of(model_type)
+    velocity = sine(0.3, stroke_m=0.05)
+    samples = samples_of(velocity, np.zeros(velocity.size))
+    predicted = predict(samples, model.config, model.split(Prior.of(model).mean))
+    expected = model.theoretical_friction(samples) if model_type == "parallel" else np.zeros(velocity.size)
+    np.testing.assert_allclose(predicted, expected, rtol=1e-12)
+    np.testing.assert_array_equal(Prior.of(model).mean, model.initial_theta())
