@@ -134,11 +134,18 @@ def targets(rows: list[dict]) -> list[Target]:
             mine = [r for r in part if r["standstill"] is still]
             name = f"{model}{', 60 s of noisy standstill before' if still else ''}: last fifth over configured"
             out.append(worst(name, mine, "ratio", 1.1, _label))
+        moving = {(r["record"], r["seed"]): r["nrmse"] for r in part if not r["standstill"]}
+        cost = [r | {"cost": r["nrmse"] / moving[r["record"], r["seed"]]} for r in part if r["standstill"]]
+        name = f"{model}: last fifth after 60 s of noisy standstill over the same without"
+        out.append(worst(name, cost, "cost", 1.1, _label, judged=False))
     for (model,), part in grouped(growing, "model").items():
         name = f"{model}, range growing 4x: largest jump at growth over the peak"
         out.append(worst(name, part, "jump_over_peak", 1.0, _label))
         name = f"{model}, range growing 4x: largest jump anywhere over the peak"
         out.append(worst(name, part, "largest_jump_over_peak", 1.0, _label, judged=False))
+        over = [r | {"over": r["nrmse"] / r["configured"]} for r in part]
+        name = f"{model}, range growing 4x: last fifth over configured"
+        out.append(worst(name, over, "over", 1.1, _label, judged=False))
     return out
 
 
@@ -167,6 +174,7 @@ def report(rows: list[dict]) -> str:
             table(
                 {
                     "drive, rate": record, "model": model, "growths": median(part, "events"),
+                    "range at the end / top speed": f"{part[0]['range_m_s'][1] / part[0]['top_m_s']:.3f}",
                     **{
                         head: f"{median(part, name):.3f} [{max(r[name] for r in part):.3f}]"
                         for head, name in (

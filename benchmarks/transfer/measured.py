@@ -106,6 +106,13 @@ def report(rows: list[dict]) -> str:
             "second half (see forward.py). EMPS' first half was seen while tuning, bam was not.",
             *words,
             target_table(targets(rows)),
-            table(rows),
+            table(
+                {
+                    "record": r["record"], "model": r["model"], "law": r["law"], "nrmse": r["nrmse"],
+                    "inside the band": "-" if r["in_band"] is None else f"{100 * r['in_band']:.0f} %",
+                    "position error, mm": "-" if r["position_mm"] is None else f"{r['position_mm']:.2f}",
+                }
+                for r in rows
+            ),
         ]
-    )
+    )  # fmt: skip

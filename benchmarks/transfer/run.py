@@ -3,6 +3,7 @@
     python benchmarks/transfer/run.py                   10 seeds, writes README.md beside this file
     python benchmarks/transfer/run.py --quick           2 seeds, writes benchmarks/out/transfer.md
     python benchmarks/transfer/run.py --part pairs      one part, writes benchmarks/out/transfer_pairs.md
+    python benchmarks/transfer/run.py --render RAW.json --page PAGE.md      the page of a former run again
 
 The raw figures go to benchmarks/out/ as JSON. Needs ../shared/data for the measured records; what is not there is left
 out and said so.
@@ -112,7 +113,12 @@ def main() -> int:
     parser.add_argument("--part", choices=PARTS, action="append", help="this part only; may be repeated")
     parser.add_argument("--workers", type=int, default=WORKERS)
     parser.add_argument("--page", type=Path, help="where the page goes")
+    parser.add_argument("--render", type=Path, metavar="JSON", help="raw figures of a former run: measure nothing")
     args = parser.parse_args()
+    if args.render:
+        raw = json.loads(args.render.read_text())
+        write_text(args.page or args.render.with_suffix(".md"), rendered(raw["parts"], raw["head"]))
+        return 0
     seeds = 2 if args.quick else args.seeds
     parts = [part for part in PARTS if not args.part or part in args.part]
     suffix = "_" + "_".join(parts) if args.part else ""
@@ -126,7 +132,7 @@ def main() -> int:
     command = " ".join(words)
     head = f"Commit {before}, `{command}`, {seeds} seeds, {(time.monotonic() - begin) / 60.0:.0f} minutes."
     head += "" if commit() == before else " **The code changed while this ran.**"
-    raw = {"commit": before, "command": command, "seeds": seeds, "parts": rows}
+    raw = {"commit": before, "command": command, "seeds": seeds, "head": head, "parts": rows}
     OUT.mkdir(exist_ok=True)
     write_text(OUT / f"transfer{suffix}.json", json.dumps(raw, indent=1, default=str) + "\n")
     write_text(page, rendered(rows, head))
