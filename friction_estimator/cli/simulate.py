@@ -177,11 +177,12 @@ def _identified(args: argparse.Namespace, config: Config, scenario: Scenario) ->
 def _warn_outside(config: Config, run_: Simulation) -> None:
     if not config.learned.wavelet_weights:
         return
-    low, high = config.basis.velocity_range
+    assert config.reach is not None
+    low, high = config.reach
     velocity = run_.samples.velocity_m_s
     outside = np.count_nonzero((velocity < low) | (velocity > high))
     if outside:
-        common.warn(f"{outside} samples lie outside basis.velocity_range [{low:g}, {high:g}] m/s: g is held there")
+        common.warn(f"{outside} samples lie outside the learned velocities [{low:g}, {high:g}] m/s: g is held there")
 
 
 def _segments(args: argparse.Namespace) -> tuple[Segment, ...]:

@@ -6,7 +6,7 @@ from friction_estimator.core.model.basis import basis_from_config
 from friction_estimator.core.model.structure import theory_scale
 from friction_estimator.core.sample import Floats
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.derive import with_recorded_units
+from friction_estimator.core.settings.units import chosen
 from friction_estimator.diagnosis.base import BEND, BaseFit
 from friction_estimator.diagnosis.diagnose import Diagnosis
 from friction_estimator.diagnosis.joint import Joint
@@ -24,7 +24,7 @@ def extended_config(result: Diagnosis, config: Config) -> Config:
     gain are taken over as they are. A clipped sensor becomes a saturation term of coefficient one.
     """
     model = result.models[-1]
-    units = with_recorded_units(config, result.record.features.velocity_m_s, result.record.friction_N)
+    units = chosen(config, result.record.features.velocity_m_s, result.record.friction_N)
     base = model.base
     structure: dict[str, object] = {
         "model.type": "parallel" if base.theory is not None else "hammerstein",
@@ -73,8 +73,8 @@ def terms_of(model: Joint) -> tuple[list[TermSpec], list[float]]:
 
 def projected_curve(base: BaseFit, config: Config) -> Floats:
     """Return wavelet weights (size,), in units of `force_unit`, of the base's odd curve."""
-    basis = basis_from_config(config.basis)
-    low, high = config.basis.velocity_range
+    basis = basis_from_config(config)
+    low, high = basis.reach
     top = base.curve.top
     grid = base.curve.bend * np.sinh(np.linspace(-1.0, 1.0, CURVE_POINTS) * np.arcsinh(BEND))
     grid = grid[(grid >= low) & (grid <= high)]
@@ -82,7 +82,7 @@ def projected_curve(base: BaseFit, config: Config) -> Floats:
     index, value = basis.rows(grid)
     psi = np.zeros((grid.size, basis.size))
     np.put_along_axis(psi, index.astype(np.int64), value, axis=1)
-    target = base.curve(grid) @ base.weights / config.force_unit
+    target = base.curve(grid) @ base.weights / config.unit_N
     gram = psi.T @ psi
     gram += RIDGE * float(np.trace(gram)) / basis.size * np.eye(basis.size)
     return np.asarray(np.linalg.solve(gram, psi.T @ target))

@@ -17,6 +17,7 @@ from friction_estimator.core.model.theory import theory_from_config
 from friction_estimator.core.model.theory_seal import SealCurve
 from friction_estimator.core.sample import Floats, Samples
 from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.units import NO_VELOCITY
 from friction_estimator.effects.base import EFFECTS, Columns, Effect, RunningForce
 from friction_estimator.effects.features import FeatureMaker
 from friction_estimator.effects.reference import Reference, Surface
@@ -111,7 +112,7 @@ class ExtensionTerms:
 
     Parameters
     ----------
-    config : `extension.terms`, theory, basis and learned weights; `basis.velocity_range` must be set.
+    config : `extension.terms`, theory, basis and learned weights.
 
     Raises
     ------
@@ -183,16 +184,16 @@ def reference_from_config(config: Config) -> Reference:
 
     Cold (nothing learned) it is the theory alone, or without one a Coulomb curve of one `force_unit`.
     """
-    top = max(abs(v) for v in config.basis.velocity_range) if config.basis.velocity_range else 0.15
+    top = config.velocity_scale or NO_VELOCITY
     smooth = sign_velocity(config, top)
     theory = theory_from_config(config)
     learned = config.learned
     taps = np.array(learned.fir_taps or (1.0,))
     theory_gain = theory_scale(config, theory) * (float(np.sum(learned.theory_taps)) if learned.theory_taps else 1.0)
     warm = config.theory.default_temperature
-    basis = basis_from_config(config.basis) if learned.wavelet_weights and config.basis.velocity_range else None
+    basis = basis_from_config(config) if learned.wavelet_weights and config.reach else None
     weights = np.array(learned.wavelet_weights)
-    unit = config.force_unit or 1.0
+    unit = config.unit_N or 1.0
 
     def force(v: Floats, p: Floats) -> Floats:
         total = np.zeros(v.size)

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
-from friction_estimator.core.fit.batch import start_taps
 from friction_estimator.core.fit.moments import Moments, gather, solve
-from friction_estimator.core.fit.variable_projection import NEWTON, reduced_hessian, refine
+from friction_estimator.core.fit.variable_projection import NEWTON, reduced_hessian, refine, start_taps
 from friction_estimator.core.model.structure import Model
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.sample import Floats

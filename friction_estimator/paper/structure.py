@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.interpolate import BSpline
 
-from friction_estimator.core.fit.batch import on_gauge, predict, start_taps
+from friction_estimator.core.fit.batch import predict
 from friction_estimator.core.fit.moments import gather
-from friction_estimator.core.fit.variable_projection import refine
+from friction_estimator.core.fit.variable_projection import on_gauge, refine, start_taps
 from friction_estimator.core.metrics import nrmse
 from friction_estimator.core.model.basis import WaveletBasis
 from friction_estimator.core.model.structure import Model

@@ -12,7 +12,7 @@ from friction_estimator.core.online.adaptation import LAWS
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.sample import Floats, Samples
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.derive import with_recorded_units
+from friction_estimator.core.settings.units import chosen
 from friction_estimator.rig.drive import CONDITIONS, segment
 from friction_estimator.rig.simulate import Scenario, simulate
 
@@ -118,7 +118,7 @@ def record(plan: Plan, condition: str, seed: int, rate_hz: float | None = None) 
 def derived(samples: Samples, model: str, **changes: object) -> Config:
     """Return the default configuration with units from the recording."""
     values = {"model.type": model} | {name.replace("__", "."): value for name, value in changes.items()}
-    return with_recorded_units(Config.from_mapping(values), samples.velocity_m_s, samples.friction_N)
+    return chosen(Config.from_mapping(values), samples.velocity_m_s, samples.friction_N)
 
 
 def outcome(samples: Samples, predicted_N: Floats, parameters: Parameters) -> Outcome:

@@ -30,8 +30,10 @@ class IdentifiedPlant:
     def __init__(self, config: Config, rate_hz: float, extension: Extension | None = None) -> None:
         if not config.learned.wavelet_weights:
             raise ConfigError("learned.wavelet_weights is empty: only a model that has learned can play the plant")
-        if not config.basis.velocity_range:
-            raise ConfigError("basis.velocity_range is empty: it belongs to learned values, copy it with them")
+        if not config.is_met:
+            raise ConfigError(
+                "learned.velocity_range or learned.force_unit is missing: copy them with what was learned"
+            )
         if config.extension.terms and extension is None:
             raise ConfigError(f"extension.terms has {', '.join(config.extension.terms)}: their columns are needed too")
         self._config = config

@@ -19,6 +19,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from friction_estimator.core.errors import ConfigError, UnanswerableError
+from friction_estimator.core.metrics import settled
 from friction_estimator.core.model.structure import Inputs, Model
 from friction_estimator.core.sample import Bools, Floats, Ints, Samples
 
@@ -31,6 +32,9 @@ LARGEST_PRODUCT = 4096
 RIDGE = 1e-8
 """Mean square output, in normalised units, that a coefficient of one prior deviation costs: 1e-4 of the friction's rms,
 far below any load cell. What the record does not excite stays at zero."""
+
+FREE_SLOPE, FREE_THEORY_TAP = 0.5, 0.1
+"""How the ridge of a free fit scales: exponent of a weight's level, and the deviation of a theory tap."""
 
 
 @dataclass(frozen=True)
@@ -169,8 +173,9 @@ def gather(model: Model, samples: Samples, use: Bools | bool = True, ridge: floa
             f"{LARGEST_PRODUCT}: lower fir.order, or set a larger basis.velocity_unit or basis.finest_level"
         )
     used = np.broadcast_to(np.asarray(use, np.bool_), (len(samples),)) & model.basis.inside(samples.velocity_m_s)
+    used = used & with_past(samples.restart, int(model.shape[0]))
     if not used.any():
-        raise UnanswerableError("no sample lies inside basis.velocity_range: nothing to fit")
+        raise UnanswerableError("no sample lies inside basis.velocity_range, with its past: nothing to fit")
     if model.extension is not None:
         model.extension.restart()
     blocks = (model.inputs(samples[begin : begin + BLOCK]) for begin in range(0, len(samples), BLOCK))
@@ -253,6 +258,17 @@ def accumulate(model: Model, blocks: Iterable[Inputs], restart: Bools, used: Boo
     )
 
 
+def with_past(restart: Bools, taps: int) -> Bools:
+    """Return where the delay lines hold measured samples only, (n,).
+
+    The samples that follow a restart err by several deviations, since it fills the delay lines as if the shaft had
+    stood there, and would bend a fit. The first sample of a record restarts them too.
+    """
+    begins = restart.copy()
+    begins[:1] = True
+    return settled(begins, taps - 1)
+
+
 def _segment_starts(restart: Bools) -> Ints:
     """Return for each sample the index of the first of its segment, (n,)."""
     index = np.arange(restart.size)
@@ -269,10 +285,10 @@ def _dense(inputs: Inputs, weights: int, stride: int) -> Floats:
 
 
 def _penalty(model: Model, ridge: float) -> Floats:
-    """Return the ridge of each coefficient: weights by the basis' prior, theory taps by theirs.
+    """Return the ridge of each coefficient, smaller for coarse weights: g of a free fit is no rougher than it must be.
 
     The penalty on A_i W_j sums to ridge |A|^2 sum_j (W_j / s_j)^2: it does not change along the scale orbit.
     """
-    prior = model.split(model.prior_deviation())
-    row = np.concatenate([prior.wavelet_weights, prior.theory_taps[:1]])
-    return ridge * np.concatenate([np.tile(row, prior.fir_taps.size), prior.extension_weights]) ** -2.0
+    taps, _, theory_taps, extensions = (int(v) for v in model.shape)
+    row = np.concatenate([model.basis.prior_scale(FREE_SLOPE), np.full(min(theory_taps, 1), FREE_THEORY_TAP)])
+    return ridge * np.concatenate([np.tile(row, taps), np.ones(extensions)]) ** -2.0

@@ -18,6 +18,10 @@ class Intake:
     config : `sync.*` and `input.friction_sign` are read.
     capacity : messages kept per stream while they wait for a partner; `sync.queue` unless given.
 
+    Attributes
+    ----------
+    sign : 1 or -1, what measured friction is multiplied with.
+
     Examples
     --------
     >>> from friction_estimator.core.intake.pairing import FRICTION, VELOCITY
@@ -31,7 +35,7 @@ class Intake:
     def __init__(self, config: Config, capacity: int | None = None) -> None:
         self.pairer = Pairer(config.sync, capacity)
         self.sequencer = Sequencer(config.sync)
-        self._sign = float(config.input.friction_sign)
+        self.sign = float(config.input.friction_sign)
 
     def push(self, stream: ArrayLike, stamp_ns: ArrayLike, value: ArrayLike) -> Samples:
         """Take events (see `Pairer.push`); return the samples that they complete and that are admitted.
@@ -48,7 +52,7 @@ class Intake:
         return Samples(
             stamp_ns=pairs.stamp_ns[used],
             velocity_m_s=pairs.velocity_m_s[used],
-            friction_N=self._sign * pairs.friction_N[used],
+            friction_N=self.sign * pairs.friction_N[used],
             restart=restart[used],
             pressure_Pa=np.ascontiguousarray(held[:, 0]),
             temperature_degC=np.ascontiguousarray(held[:, 1]),

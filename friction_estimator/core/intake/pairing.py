@@ -9,6 +9,7 @@ give the same result.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -64,7 +65,7 @@ def _drop(stamp, last_matched, dropped):  # type: ignore[no-untyped-def] # pragm
 
 
 @njit(cache=True)
-def _pair(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def pair(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     stream,
     stamp,
     value,
@@ -180,10 +181,14 @@ class Pairer:
         out_stamp = np.empty(stamps.size, np.int64)
         velocity, friction = np.empty(stamps.size), np.empty(stamps.size)
         held = np.empty((stamps.size, HELD))
-        n = _pair(
-            np.ascontiguousarray(streams),
-            stamps,
-            values,
+        n = pair(np.ascontiguousarray(streams), stamps, values, *self.arguments(out_stamp, velocity, friction, held))
+        return Pairs(out_stamp[:n], velocity[:n], friction[:n], held[:n])
+
+    def arguments(
+        self, out_stamp: Ints, out_velocity: Floats, out_friction: Floats, out_held: Floats
+    ) -> tuple[Any, ...]:
+        """Return what `pair` takes after the events, to fill the `out` arrays."""
+        return (
             self._slop_ns,
             self._stamp,
             self._value,
@@ -194,11 +199,10 @@ class Pairer:
             self._held_now,
             self._dropped,
             out_stamp,
-            velocity,
-            friction,
-            held,
+            out_velocity,
+            out_friction,
+            out_held,
         )
-        return Pairs(out_stamp[:n], velocity[:n], friction[:n], held[:n])
 
     @property
     def waiting(self) -> tuple[int, int]:
@@ -224,7 +228,7 @@ class Pairer:
 
 
 @njit(cache=True)
-def _admit(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def admit(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     stamp, velocity, friction, gap_factor, jump_ns, clock, events, counts, status, restart
 ):
     """Classify samples in order; `clock` is [last stamp, samples seen], `events` [period, gaps, jumps]."""
@@ -284,7 +288,14 @@ class Sequencer:
         """Return (status, restart) for samples in arrival order, each (n,); status indexes `REASONS`."""
         status = np.empty(stamp_ns.size, np.int8)
         restart = np.empty(stamp_ns.size, np.bool_)
-        _admit(
+        admit(*self.arguments(stamp_ns, velocity_m_s, friction_N, status, restart))
+        return status, restart
+
+    def arguments(
+        self, stamp_ns: Ints, velocity_m_s: Floats, friction_N: Floats, status: NDArray[np.int8], restart: Bools
+    ) -> tuple[Any, ...]:
+        """Return what `admit` takes to fill `status` and `restart`."""
+        return (
             stamp_ns,
             velocity_m_s,
             friction_N,
@@ -296,7 +307,6 @@ class Sequencer:
             status,
             restart,
         )
-        return status, restart
 
     def forget(self) -> None:
         """Start anew: the next sample restarts the delay lines. The counters stay."""

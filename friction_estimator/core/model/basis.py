@@ -5,7 +5,7 @@ scaling functions phi_Mn of the coarsest level M added so that constants and slo
 """
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import pywt
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.registry import Registry
 from friction_estimator.core.sample import Floats
-from friction_estimator.core.settings.config import BasisConfig
+from friction_estimator.core.settings.config import BasisConfig, Config
 
 UNITS_PER_RANGE = 16.0
 """Basis units in the velocity range where basis.velocity_unit is not set."""
@@ -26,6 +26,9 @@ TABLE_LEVEL = 10
 LARGEST_BASIS = 4096
 """More functions than this is a wrong velocity unit, not a model."""
 
+CELLS_PER_UNIT = 4
+"""Cells of velocity a basis unit, in which running errors are kept (see `fit.band`): 64 over a new range."""
+
 
 class Basis(Protocol):
     """A basis of functions of velocity with a bounded number of non-zeros at every point."""
@@ -33,7 +36,12 @@ class Basis(Protocol):
     unit: float
     """Velocity of one basis unit, m/s, at standstill where velocity is companded."""
 
-    def __init__(self, config: BasisConfig) -> None: ...
+    reach: tuple[float, float]
+    """Velocities that are covered, m/s."""
+
+    def __init__(
+        self, config: BasisConfig, reach: tuple[float, float] | None = None, scale: float | None = None
+    ) -> None: ...
 
     @property
     def size(self) -> int:
@@ -49,8 +57,25 @@ class Basis(Protocol):
     def inside(self, velocity_m_s: Floats) -> NDArray[np.bool_]:
         """Return where the velocities lie in the covered range, (n,)."""
 
-    def prior_scale(self) -> Floats:
+    def prior_scale(self, slope: float) -> Floats:
         """Return the relative prior standard deviation of each weight, (size,)."""
+
+    def places_of(self, other: "Basis") -> NDArray[np.int64]:
+        """Return where each function of `other`, which covers less with the same unit, stands here, (other.size,)."""
+
+    def cells(self, velocity_m_s: Floats) -> NDArray[np.int64]:
+        """Return the cell of each velocity, held inside the range, (n,)."""
+
+    def located(self, velocity_m_s: Floats) -> tuple[NDArray[np.int32], Floats, NDArray[np.int64]]:
+        """Return (index, value, cell): `rows` and `cells` in one pass."""
+
+    @property
+    def cell_count(self) -> int:
+        """Number of cells over the range."""
+
+    @property
+    def first_cell(self) -> int:
+        """Number of the lowest cell, counted from standstill: it tells cells apart when the range grows."""
 
 
 BASES: Registry[type[Basis]] = Registry("basis")
@@ -125,14 +150,15 @@ def _position(velocity, unit, bend):  # type: ignore[no-untyped-def] # pragma: n
 
 
 @njit(cache=True)
-def _wavelet_rows(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    velocity, unit, low, high, bend, scale, amplitude, first, kind, table, index, value
+def wavelet_rows(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    velocity, unit, low, high, bend, scale, amplitude, first, kind, table, first_cell, index, value, cell
 ):
-    """Fill (index, value) for each velocity; one block of `support` entries a level."""
+    """Fill (index, value) for each velocity, one block of `support` entries a level, and its cell."""
     steps = table.shape[1] - 1
     support = table.shape[2]
     for r in range(velocity.size):
         held = _position(min(max(velocity[r], low), high), unit, bend)
+        cell[r] = int(np.floor(held * CELLS_PER_UNIT)) - first_cell
         for block in range(scale.size):
             scaled = held * scale[block]
             whole = np.floor(scaled)
@@ -157,7 +183,10 @@ class WaveletBasis:
 
     Parameters
     ----------
-    config : wavelet, levels, velocity_range (m/s, not empty) and velocity_unit (m/s; 0: range / 16).
+    config : wavelet, levels, companding and velocity_unit (m/s; 0: from `scale`).
+    reach : velocities to cover, (lowest, highest) m/s; `velocity_range` unless given.
+    scale : speed that unit and companding derive from, m/s; the largest of `reach` unless given. The range may grow
+        while the scale stays: then the functions stay what they are, and others come to stand beside them.
 
     Raises
     ------
@@ -165,7 +194,7 @@ class WaveletBasis:
 
     Examples
     --------
-    >>> basis = WaveletBasis(BasisConfig(velocity_range=(-0.1, 0.1)))
+    >>> basis = WaveletBasis(BasisConfig(), (-0.1, 0.1))
     >>> basis.size, basis.width
     (94, 30)
     >>> index, value = basis.rows(np.array([0.05]))
@@ -173,13 +202,21 @@ class WaveletBasis:
     ((1, 30), (1, 30))
     """
 
-    def __init__(self, config: BasisConfig) -> None:
-        if not config.velocity_range:
+    def __init__(
+        self, config: BasisConfig, reach: tuple[float, float] | None = None, scale: float | None = None
+    ) -> None:
+        covered = reach or config.velocity_range
+        if not covered:
             raise ConfigError("basis.velocity_range is empty: give [lowest, highest] in m/s")
-        self.low, self.high = (float(v) for v in config.velocity_range)
-        self.bend = max(abs(self.low), abs(self.high)) / config.companding if config.companding > 0.0 else 0.0
-        reach = _position(self.high, 1.0, self.bend) - _position(self.low, 1.0, self.bend)
-        self.unit = config.velocity_unit or reach / UNITS_PER_RANGE
+        self.reach = self.low, self.high = float(covered[0]), float(covered[1])
+        if not self.low < self.high:
+            raise ConfigError(f"velocities [{self.low:g}, {self.high:g}] m/s are no range to cover")
+        given = config.velocity_range
+        low, high = (given[0], given[1]) if given else (-(scale or 0.0), scale or 0.0)
+        low, high = (low, high) if low < high else self.reach
+        self.bend = max(abs(low), abs(high)) / config.companding if config.companding > 0.0 else 0.0
+        span = _position(high, 1.0, self.bend) - _position(low, 1.0, self.bend)
+        self.unit = config.velocity_unit or span / UNITS_PER_RANGE
         self.levels = tuple(range(config.finest_level, config.coarsest_level + 1))
         self._table = dyadic_table(config.wavelet).values
         support = self._table.shape[2]
@@ -193,7 +230,7 @@ class WaveletBasis:
         counts = highest - lowest + 1
         if counts.sum() > LARGEST_BASIS:
             raise ConfigError(
-                f"basis.velocity_range {list(config.velocity_range)} holds {counts.sum()} functions of "
+                f"the velocities {list(self.reach)} m/s hold {counts.sum()} functions of "
                 f"{self.unit:g} m/s units, more than {LARGEST_BASIS}: set a larger basis.velocity_unit or finest_level"
             )
         starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
@@ -202,6 +239,8 @@ class WaveletBasis:
         self.level_of = np.repeat(exponents, counts)
         self.is_scaling = np.repeat(self._kind == 0, counts)
         self.translation = np.concatenate([np.arange(a, b + 1) for a, b in zip(lowest, highest, strict=True)])
+        self.first_cell, last = (int(np.floor(_position(v, self.unit, self.bend) * CELLS_PER_UNIT)) for v in self.reach)
+        self.cell_count = last - self.first_cell + 1
 
     @property
     def size(self) -> int:
@@ -215,9 +254,21 @@ class WaveletBasis:
 
     def rows(self, velocity_m_s: Floats) -> tuple[NDArray[np.int32], Floats]:
         """Return (index, value), each (n, width); velocities must be finite."""
+        index, value, _ = self.located(velocity_m_s)
+        return index, value
+
+    def located(self, velocity_m_s: Floats) -> tuple[NDArray[np.int32], Floats, NDArray[np.int64]]:
+        """Return (index, value, cell): `rows` and `cells` in one pass."""
         index = np.empty((velocity_m_s.size, self.width), np.int32)
-        value = np.empty((velocity_m_s.size, self.width))
-        _wavelet_rows(
+        value, cell = np.empty((velocity_m_s.size, self.width)), np.empty(velocity_m_s.size, np.int64)
+        wavelet_rows(*self.row_arguments(velocity_m_s, index, value, cell))
+        return index, value, cell
+
+    def row_arguments(
+        self, velocity_m_s: Floats, index: NDArray[np.int32], value: Floats, cell: NDArray[np.int64]
+    ) -> tuple[Any, ...]:
+        """Return what `wavelet_rows` takes to fill `index`, `value` and `cell` from `velocity_m_s`."""
+        return (
             velocity_m_s,
             self.unit,
             self.low,
@@ -228,10 +279,29 @@ class WaveletBasis:
             self._first,
             self._kind,
             self._table,
+            self.first_cell,
             index,
             value,
+            cell,
         )
-        return index, value
+
+    def cells(self, velocity_m_s: Floats) -> NDArray[np.int64]:
+        """Return the cell of each velocity, held inside the range, (n,)."""
+        return self.located(velocity_m_s)[2]
+
+    def cell_velocities(self) -> Floats:
+        """Return the velocity in the middle of each cell, (cell_count,), m/s."""
+        middle = (self.first_cell + np.arange(self.cell_count) + 0.5) / CELLS_PER_UNIT * self.unit
+        velocity = self.bend * np.sinh(middle / self.bend) if self.bend > 0.0 else middle
+        return np.asarray(np.clip(velocity, self.low, self.high))
+
+    def places_of(self, other: Basis) -> NDArray[np.int64]:
+        """Return where each function of `other`, which covers less with the same unit, stands here, (other.size,)."""
+        assert isinstance(other, WaveletBasis)
+        place = {key: i for i, key in enumerate(zip(self.level_of, self.is_scaling, self.translation, strict=True))}
+        return np.array(
+            [place[key] for key in zip(other.level_of, other.is_scaling, other.translation, strict=True)], np.int64
+        )
 
     def dense(self, velocity_m_s: Floats) -> Floats:
         """Return Psi as a matrix (n, size)."""
@@ -244,15 +314,20 @@ class WaveletBasis:
         """Return where the velocities lie in the covered range, (n,)."""
         return (velocity_m_s >= self.low) & (velocity_m_s <= self.high)
 
-    def prior_scale(self) -> Floats:
-        """Return the relative prior standard deviation of each weight, (size,): 2^((m - M)/2), a smooth g."""
-        return np.asarray(2.0 ** (0.5 * (self.level_of - self.levels[-1])))
+    def prior_scale(self, slope: float) -> Floats:
+        """Return the relative prior standard deviation of each weight, (size,): 2^(slope (m - M)), a smooth g."""
+        return np.asarray(2.0 ** (slope * (self.level_of - self.levels[-1])))
 
 
 for _order in range(1, 9):
     BASES.register(f"db{_order}", WaveletBasis)
 
 
-def basis_from_config(config: BasisConfig) -> Basis:
-    """Return the basis that `basis.wavelet` names."""
-    return BASES[config.wavelet](config)
+def basis_from_config(config: Config) -> Basis:
+    """Return the basis that `basis.wavelet` names, over the velocities that are given or were learned.
+
+    Raises ConfigError where neither is there.
+    """
+    if config.reach is None:
+        raise ConfigError("basis.velocity_range is empty and no first contact was made: give [lowest, highest] in m/s")
+    return BASES[config.basis.wavelet](config.basis, config.reach, config.velocity_scale)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.model.basis import Basis, basis_from_config
+from friction_estimator.core.model.prediction import THEORY_TAPS
 from friction_estimator.core.model.theory import TheoryCurve, theory_from_config
 from friction_estimator.core.sample import Bools, Floats, Ints, Samples
 from friction_estimator.core.settings.config import Config
@@ -25,16 +26,6 @@ LARGEST_PARAMETER = 1e6
 
 CHUNK = 4096
 """Samples prepared at a time: bounds the memory of a pass over a recording."""
-
-TAP_DEVIATION = {"hammerstein": 0.1, "parallel": 0.03}
-"""Prior standard deviation of the taps behind g, relative to that of a weight of the coarsest level.
-
-In the parallel model g starts near zero and says nothing about the taps behind it: a loose prior would let noise move
-them (docs/decisions/0003-priors-of-rls.md has the figures).
-"""
-
-THEORY_TAP_DEVIATION = 0.1
-"""The same for the taps behind the theoretical curve."""
 
 
 class Extension(Protocol):
@@ -68,6 +59,8 @@ class Inputs:
     target: Floats
     restart: Bools
     inside: Bools
+    cell: Ints
+    beyond: Floats
 
 
 @dataclass(frozen=True)
@@ -90,15 +83,15 @@ def theory_scale(config: Config, theory: TheoryCurve | None) -> float:
 
     A curve for another machine (forces 1000 times larger, say) would otherwise dominate every regressor.
     """
-    if theory is None or not config.basis.velocity_range or not config.force_unit > 0.0:
+    if theory is None or not config.is_met:
         return 1.0
-    low, high = config.basis.velocity_range
+    low, high = -config.velocity_scale, config.velocity_scale  # which stays when the range grows
     curve = theory.evaluate(
         low + (high - low) * (np.arange(SCALE_POINTS) + 0.5) / SCALE_POINTS,
         np.full(SCALE_POINTS, config.theory.default_pressure),
         np.full(SCALE_POINTS, config.theory.default_temperature),
     )
-    ratio = float(np.sqrt(np.mean(np.square(curve))) / config.force_unit)
+    ratio = float(np.sqrt(np.mean(np.square(curve))) / config.unit_N)
     plausible = 1.0 / PLAUSIBLE_SCALE <= ratio <= PLAUSIBLE_SCALE
     return 1.0 if plausible or not ratio > 0.0 else 1.0 / ratio
 
@@ -108,7 +101,7 @@ class Model:
 
     Parameters
     ----------
-    config : `basis.velocity_range` and `force_unit` must be set (see `derive.with_units`).
+    config : range and units must be known (`Config.is_met`; see `settings.units`).
     extension : terms that a diagnosis added.
 
     Raises
@@ -117,10 +110,13 @@ class Model:
     """
 
     def __init__(self, config: Config, extension: Extension | None = None) -> None:
-        if not config.force_unit > 0.0:
-            raise ConfigError("force_unit is 0: give the expected rms of the friction in N")
+        if not config.unit_N > 0.0:
+            raise ConfigError(
+                "force_unit is 0 and no first contact was made: give the expected rms of the friction in N"
+            )
         self.config = config
-        self.basis: Basis = basis_from_config(config.basis)
+        self.unit_N = config.unit_N
+        self.basis: Basis = basis_from_config(config)
         self.theory: TheoryCurve | None = theory_from_config(config)
         self.extension = extension
         taps = config.fir.order + 1
@@ -170,18 +166,6 @@ class Model:
             raise ConfigError(f"learned values must be finite and below {LARGEST_PARAMETER:g}")
         return theta
 
-    def prior_deviation(self) -> Floats:
-        """Return the relative prior standard deviation of each parameter, (n,)."""
-        taps, _, theory_taps, columns = self.shape
-        return np.concatenate(
-            [
-                np.full(taps, TAP_DEVIATION[self.config.model.type]),
-                self.basis.prior_scale(),
-                np.full(theory_taps, THEORY_TAP_DEVIATION),
-                np.ones(columns),
-            ]
-        )
-
     def theoretical_friction(self, samples: Samples) -> Floats:
         """Return d(v; p, T) times `theory_scale` at the samples, (n,), N; zeros where there is no theory.
 
@@ -200,14 +184,31 @@ class Model:
             temperature[known] = samples.temperature_degC[known]
         return self.theory_scale * self.theory.evaluate(samples.velocity_m_s, pressure, temperature)
 
-    def inputs(self, samples: Samples) -> Inputs:
-        """Return what the compiled loop takes for these samples."""
-        index, value = self.basis.rows(samples.velocity_m_s)
-        theory = self.theoretical_friction(samples)
-        extension = np.zeros((len(samples), 0))
-        if self.extension is not None:
-            extension = self.extension.columns(samples, theory)
-        unit = self.config.force_unit
+    def theory_at(self, velocity_m_s: Floats, gauge_pressure_Pa: float, temperature_degC: float) -> Floats:
+        """Return d(v; p, T) times `theory_scale` at one pressure and temperature, (n,), N; zeros without a theory."""
+        if self.theory is None or not self.shape[THEORY_TAPS]:
+            return np.zeros(velocity_m_s.size)
+        pressure = np.full(velocity_m_s.size, gauge_pressure_Pa)
+        temperature = np.full(velocity_m_s.size, temperature_degC)
+        return self.theory_scale * self.theory.evaluate(velocity_m_s, pressure, temperature)
+
+    def extension_columns(self, samples: Samples, theory_N: Floats) -> Floats:
+        """Return the extension terms' values for the next samples, (n, columns), N; each sample is asked for once."""
+        if self.extension is None:
+            return np.zeros((len(samples), 0))
+        return self.extension.columns(samples, theory_N)
+
+    def inputs(self, samples: Samples, theory_N: Floats | None = None, columns_N: Floats | None = None) -> Inputs:
+        """Return what the compiled loop takes for these samples.
+
+        Parameters
+        ----------
+        theory_N, columns_N : (n,) and (n, columns), `theoretical_friction` and `extension_columns` where known.
+        """
+        index, value, cell = self.basis.located(samples.velocity_m_s)
+        theory = self.theoretical_friction(samples) if theory_N is None else theory_N
+        extension = self.extension_columns(samples, theory) if columns_N is None else columns_N
+        unit = self.unit_N
         return Inputs(
             index=index,
             value=value,
@@ -216,11 +217,44 @@ class Model:
             target=samples.friction_N / unit,
             restart=samples.restart,
             inside=self.basis.inside(samples.velocity_m_s),
+            cell=cell,
+            beyond=self.beyond(samples.velocity_m_s),
         )
+
+    def beyond(self, velocity_m_s: Floats) -> Floats:
+        """Return how far velocities lie outside the range, over the speed of its faster edge, (n,); 0 inside."""
+        low, high = self.basis.reach
+        outside = np.maximum(low - velocity_m_s, velocity_m_s - high)
+        return np.asarray(np.maximum(outside, 0.0) / max(abs(low), abs(high)))
 
     def static_map(self, theta: Floats, velocity_m_s: Floats) -> Floats:
         """Return g(v) times the static gain of H, (n,), N: the friction that g adds at constant velocity."""
         parts = self.split(theta)
         index, value = self.basis.rows(velocity_m_s)
         g = np.sum(parts.wavelet_weights[index] * value, axis=1)
-        return np.asarray(self.config.force_unit * parts.fir_taps.sum() * g)
+        return np.asarray(self.unit_N * parts.fir_taps.sum() * g)
+
+    def steady_state(self, theta: Floats, velocity_m_s: Floats, theory_N: Floats) -> tuple[Floats, Floats]:
+        """Return the friction at constant velocity, and its gradient with respect to theta.
+
+        f(v) = sum(A) g(v) + sum(A1) d(v). Extension terms are left out: they have no value at a velocity alone.
+
+        Parameters
+        ----------
+        theta : (n,). velocity_m_s, theory_N : (m,), theory_N as `theoretical_friction` gives it.
+
+        Returns
+        -------
+        (m,) in N, and (m, n) in normalised units.
+        """
+        parts = self.split(theta)
+        index, value = self.basis.rows(velocity_m_s)
+        g = np.sum(parts.wavelet_weights[index] * value, axis=1)
+        theory = theory_N / self.unit_N
+        friction = parts.fir_taps.sum() * g + parts.theory_taps.sum() * theory
+        a, b, c, _ = self._edges
+        gradient = np.zeros((velocity_m_s.size, self.size))
+        gradient[:, :a] = g[:, None]
+        np.put_along_axis(gradient[:, a:b], index.astype(np.int64), parts.fir_taps.sum() * value, axis=1)
+        gradient[:, b:c] = theory[:, None]
+        return np.asarray(self.unit_N * friction), gradient

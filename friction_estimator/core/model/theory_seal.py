@@ -12,7 +12,7 @@ from friction_estimator.core.model.oil import (
     walther,
     walther_coefficients,
 )
-from friction_estimator.core.sample import Floats
+from friction_estimator.core.sample import Floats, Ints
 from friction_estimator.core.settings.config import SealConfig
 
 LOWEST_GAUGE_PRESSURE_PA = -1.1e5  # below vacuum at sea level nothing is sealed
@@ -69,7 +69,7 @@ def _friction(velocity, entrainment, contact, width, gradient, eta, boundary, pa
 
 
 @njit(_SEAL_LOOP_SIGNATURE, cache=True)
-def _seal_loop(velocity, pressure, temperature, par, counts, friction):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def seal_loop(velocity, pressure, temperature, par, counts, friction):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Fill `friction`, (n,), with the steady state.
 
     What depends on p and T alone is kept from sample to sample. That is two thirds of the cost, and as a
@@ -200,8 +200,14 @@ class SealCurve:
         """Return the steady-state friction, (n,) N; see TheoryCurve.evaluate."""
         velocity, pressure, temperature = _same_length(velocity_m_s, gauge_pressure_Pa, temperature_degC)
         friction = np.empty(velocity.shape, np.float64)
-        _seal_loop(velocity, pressure, temperature, self._par, self._counts, friction)
+        seal_loop(*self.arguments(velocity, pressure, temperature, friction))
         return friction
+
+    def arguments(
+        self, velocity_m_s: Floats, gauge_pressure_Pa: Floats, temperature_degC: Floats, friction_N: Floats
+    ) -> tuple[Floats | Ints, ...]:
+        """Return what `seal_loop` takes to fill `friction_N`, (n,)."""
+        return velocity_m_s, gauge_pressure_Pa, temperature_degC, self._par, self._counts, friction_N
 
     def entrainment(self, velocity_m_s: Floats) -> Floats:
         """Return e = v S / (1 + asym S), (n,) m/s: the speed that feeds the film in the steady state."""

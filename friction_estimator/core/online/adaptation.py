@@ -7,6 +7,7 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
+from friction_estimator.core.model.prior import Prior
 from friction_estimator.core.online import kernels
 from friction_estimator.core.registry import Registry
 from friction_estimator.core.sample import Floats
@@ -21,16 +22,14 @@ class Law(Protocol):
 
     @staticmethod
     def constants(config: Config) -> Floats:
-        """Return the (3,) constants of the compiled rule, in the places that kernels.py names."""
+        """Return the (4,) constants of the compiled rule, in the places that workspace.py names."""
 
     keeps_covariance: ClassVar[bool]
+    """Whether it starts from the prior's covariance and keeps one."""
 
     @staticmethod
-    def prior_variance(config: Config, deviation: Floats) -> Floats:
-        """Return the variance of each parameter from which the law starts, (n,), or (0,) where it knows none.
-
-        `deviation` is the model's relative prior standard deviation, (n,).
-        """
+    def metric(prior: Prior) -> Floats:
+        """Return the metric of its steps, (n,), or (0,) where it has none."""
 
 
 LAWS: Registry[type[Law]] = Registry("law")
@@ -48,11 +47,11 @@ class Lms:
 
     @staticmethod
     def constants(config: Config) -> Floats:
-        """Step size."""
-        return np.array([config.lms.step_size, 0.0, 1.0])
+        """Step size, and whether it is guarded (in the place of the floor)."""
+        return np.array([config.lms.step_size, float(config.lms.guard), 0.0, 0.0])
 
     @staticmethod
-    def prior_variance(config: Config, deviation: Floats) -> Floats:  # noqa: ARG004 - steepest descent has no metric
+    def metric(prior: Prior) -> Floats:  # noqa: ARG004 - steepest descent has no metric
         """None: steepest descent."""
         return np.zeros(0)
 
@@ -72,19 +71,19 @@ class Nlms:
     @staticmethod
     def constants(config: Config) -> Floats:
         """Step size and floor of the normaliser."""
-        return np.array([config.nlms.step_size, config.nlms.regularisation, 1.0])
+        return np.array([config.nlms.step_size, config.nlms.regularisation, 0.0, 0.0])
 
     @staticmethod
-    def prior_variance(config: Config, deviation: Floats) -> Floats:  # noqa: ARG004 - one signature for all laws
+    def metric(prior: Prior) -> Floats:
         """The metric D."""
-        return np.square(deviation)
+        return np.square(prior.deviation)
 
 
 @LAWS.named("rls")
 class Rls:
     """Recursive prediction error method on the gradient regressor (Ljung and Soderstrom 1983).
 
-    Square-root covariance with directional forgetting (Kulhavy and Karny 1984); see `kernels`.
+    Square-root covariance under a prior that is never spent; see `kernels`.
     """
 
     number: ClassVar[int] = kernels.RLS
@@ -92,10 +91,10 @@ class Rls:
 
     @staticmethod
     def constants(config: Config) -> Floats:
-        """Forgetting factor."""
-        return np.array([0.0, 0.0, config.rls.forgetting_factor])
+        """Least leverage and residual variance."""
+        return np.array([0.0, 0.0, 1.0 - config.rls.forgetting_factor, config.prior.residual_deviation**2])
 
     @staticmethod
-    def prior_variance(config: Config, deviation: Floats) -> Floats:
-        """Initial variance, scaled by the model's prior."""
-        return np.asarray(config.rls.initial_variance * np.square(deviation))
+    def metric(prior: Prior) -> Floats:  # noqa: ARG004 - the covariance is its metric
+        """None beside the covariance."""
+        return np.zeros(0)

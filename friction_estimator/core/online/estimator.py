@@ -1,21 +1,23 @@
 """The estimator: model, law and state put together. Replay runs it over arrays, the live node over one sample."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
 from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.fit.band import COUNT, Curve, median_conditions, static_curve
+from friction_estimator.core.model.prior import Prior
 from friction_estimator.core.model.structure import CHUNK, Extension, Model, Parameters
 from friction_estimator.core.online import kernels, workspace
 from friction_estimator.core.online.adaptation import LAWS
-from friction_estimator.core.online.relinearisation import Relinearisation
+from friction_estimator.core.online.growth import carried_over, cold_start, grown_model
 from friction_estimator.core.online.workspace import Workspace
 from friction_estimator.core.sample import Bools, Floats, Samples
 from friction_estimator.core.settings.config import PARAMETERS, Config
 
-STATE_VERSION = 2
+STATE_VERSION = 3
 
 STRUCTURE = (
     "model.type",
@@ -23,12 +25,15 @@ STRUCTURE = (
     "force_unit",
     "fir.order",
     "extension.terms",
-    *(name for name in PARAMETERS if name.startswith("basis.")),
+    *(name for name in PARAMETERS if name.startswith(("basis.", "prior."))),
 )
 """Settings that must agree between a state and the estimator that takes it."""
 
 THEORY_STRUCTURE = ("theory.kind", "theory.table", *(name for name in PARAMETERS if name.startswith("seal.")))
 """The same for the parallel model, whose theory taps belong to one curve."""
+
+CHOSEN = ("learned.velocity_range", "learned.velocity_scale", "learned.force_unit")
+"""What the first contact chose: a state brings its own."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +47,7 @@ class Health:
     clipped : errors that nlms or rls took for outliers and shortened.
     outside : samples outside the velocity range (nothing was learned from them).
     alarmed : abrupt changes of friction that rls noticed (it then learns afresh, from the present parameters).
-    adopted : fits to the past from which rls went on.
+    grown : times that the velocity range grew.
     error_rms_N : running rms of the a priori error, N.
     """
 
@@ -52,7 +57,7 @@ class Health:
     clipped: int
     outside: int
     alarmed: int
-    adopted: int
+    grown: int
     error_rms_N: float
 
 
@@ -61,8 +66,13 @@ class Estimator:
 
     Parameters
     ----------
-    config : with units set (see `derive.with_units`).
+    config : with range and units known (`Config.is_met`; see `settings.units`).
     extension : terms that a diagnosis added (see `effects`).
+
+    Attributes
+    ----------
+    config : with the velocity range as it has grown.
+    model : of the present range.
 
     Examples
     --------
@@ -75,74 +85,79 @@ class Estimator:
     def __init__(self, config: Config, extension: Extension | None = None) -> None:
         self.config = config
         self.model = Model(config, extension)
-        self.reset()
+        self.law = LAWS[config.model.law]
+        self._prior = Prior.of(self.model)
+        self.work = self._cold()
 
-    def reset(self) -> None:
-        """Forget what was learned and start from the configuration's values."""
-        config, model = self.config, self.model
-        law = LAWS[config.model.law]
-        theta = model.initial_theta()
-        prior = law.prior_variance(config, model.prior_deviation())
-        covariance = prior if law.keeps_covariance else np.zeros(0)
-        taps, _, theory_taps, _ = model.shape
-        self.relinearisation = Relinearisation(model)
-        kept, proposal, due = Relinearisation.arrays(model, config)
-        status = np.zeros(workspace.STATUS_SIZE, np.int64)
-        status[workspace.DUE] = due
-        self._law_number = law.number
-        self._work = Workspace(
-            shape=model.shape.copy(),
-            theta=theta,
-            ring=np.zeros((taps, model.basis.size)),
-            ring_theory=np.zeros(max(1, theory_taps)),
-            root=np.diag(np.sqrt(covariance)),
-            diagonal=covariance.copy(),
-            prior=prior,
-            law=law.constants(config),
-            moments=np.array([1.0, 1.0, 0.0, 0.0, 1.0, 0.0, 1.0]),
-            status=status,
-            kept=kept,
-            proposal=proposal,
-        )
-        if model.extension is not None:
-            model.extension.restart()
+    def _cold(self) -> Workspace:
+        if self.model.extension is not None:
+            self.model.extension.restart()
+        metric, constants = self.law.metric(self._prior), self.law.constants(self.config)
+        return cold_start(self.model, self._prior, metric, self.law.keeps_covariance, constants)
 
-    def run(self, samples: Samples, learn: Bools | bool = True) -> Floats:
+    def run(self, samples: Samples, learn: Bools | bool = True, deviation: Floats | None = None) -> Floats:
         """Predict and learn over samples in order.
 
         Parameters
         ----------
         samples : admitted samples (finite velocity and friction).
         learn : (n,) or one value: where to learn after predicting.
+        deviation : (n,), filled with the standard deviation of each prediction, N, where given.
 
         Returns
         -------
         (n,) float64, friction predicted before each measurement was used, N.
         """
         predicted = np.empty(len(samples))
+        spread = np.empty(len(samples)) if deviation is None else deviation
         learns = np.broadcast_to(np.asarray(learn, np.bool_), (len(samples),))
-        work = self._work
         for start in range(0, len(samples), CHUNK):
-            part = slice(start, start + CHUNK)
-            inputs = self.model.inputs(samples[part])
-            work.status[workspace.OUTSIDE] += int(inputs.inside.size - np.count_nonzero(inputs.inside))
-            arrays = (
-                inputs.index,
-                inputs.value,
-                samples.velocity_m_s[part],
-                inputs.theory,
-                inputs.extension,
-                inputs.target,
-                inputs.restart,
-                learns[part] & inputs.inside,
-                predicted[part],
-            )
-            begin = 0
-            while taken := kernels.run(self._law_number, *(array[begin:] for array in arrays), *work.arrays()):
-                self.relinearisation.visit(work)
-                begin += taken
-        predicted *= self.config.force_unit
+            chunk = samples[start : start + CHUNK]
+            theory = self.model.theoretical_friction(chunk)
+            columns = self.model.extension_columns(chunk, theory)
+            done = 0
+            while done < len(chunk):
+                rest = slice(done, None)
+                here = slice(start + done, start + len(chunk))
+                inputs = self.model.inputs(chunk[rest], theory[rest], columns[rest])
+                taken = kernels.run(
+                    self.law.number,
+                    inputs.index,
+                    inputs.value,
+                    inputs.cell,
+                    inputs.beyond,
+                    chunk.velocity_m_s[rest],
+                    inputs.theory,
+                    inputs.extension,
+                    inputs.target,
+                    inputs.restart,
+                    learns[here],
+                    predicted[here],
+                    spread[here],
+                    *self.work.arrays(),
+                )
+                if not taken:
+                    break
+                self.grow()
+                done += taken
+        predicted *= self.model.unit_N
+        spread *= self.model.unit_N
         return predicted
+
+    def grow(self) -> None:
+        """Let the range reach the velocities that came in a row beyond its edge; too large a basis stays as it is."""
+        status = self.work.status
+        status[workspace.BEYOND] = 0
+        velocity = float(self.work.moments[workspace.EXTREME])
+        model = grown_model(self.model, velocity, self.model.extension)
+        if model is None:
+            status[workspace.MAY_GROW] = 0
+            return
+        prior = Prior.of(model)
+        self.work = carried_over(self.work, self.model, model, prior)
+        self.work.status[workspace.GROWN] += 1
+        self.config = self.config.updated({"learned.velocity_range": model.basis.reach})
+        self.model, self._prior = model, prior
 
     def step(
         self,
@@ -175,22 +190,52 @@ class Estimator:
         """
         live = {name: item.of(config) for name, item in PARAMETERS.items() if item.live and not item.learned}
         self.config = self.config.updated(live)
-        self._work.law[:] = LAWS[self.config.model.law].constants(self.config)
+        self.work.law[:] = self.law.constants(self.config)
 
     @property
     def parameters(self) -> Parameters:
         """The learned values."""
-        return self.model.split(self._work.theta)
+        return self.model.split(self.work.theta)
 
     @parameters.setter
     def parameters(self, values: Parameters) -> None:
-        self._work.theta[:] = self.model.checked(values)
-        self._work.status[workspace.PROPOSED] = 0  # what is proposed went on from other values
+        self.work.theta[:] = self.model.checked(values)
+
+    @property
+    def learned_config(self) -> Config:
+        """The configuration that starts warm from here: range, units and parameters as they are."""
+        values = self.parameters
+        learned: dict[str, object] = {
+            "learned.fir_taps": values.fir_taps,
+            "learned.theory_taps": values.theory_taps,
+            "learned.wavelet_weights": values.wavelet_weights,
+            "learned.extension_weights": values.extension_weights,
+        }
+        return self.config.updated(learned)
+
+    @property
+    def covariance(self) -> Floats | None:
+        """Posterior covariance of the parameters, (n, n), normalised units; None for laws that keep none."""
+        if not self.law.keeps_covariance:
+            return None
+        return np.asarray(self._prior.residual_variance * (self.work.root @ self.work.root.T))
+
+    def curve(self, samples: Samples | None = None, velocity_m_s: Floats | None = None) -> Curve:
+        """Return the static curve with its band.
+
+        Parameters
+        ----------
+        samples : whose median pressure and temperature the curve holds for; the configured defaults without any.
+        velocity_m_s : (m,), where; 401 evenly over the learned velocities unless given.
+        """
+        conditions = median_conditions(self.model, samples)
+        theta, errors = self.work.theta, self.work.errors
+        return static_curve(self.model, theta, errors, self.covariance, self._prior, conditions, velocity_m_s)
 
     @property
     def health(self) -> Health:
         """Counters and running error."""
-        status = self._work.status
+        status = self.work.status
         return Health(
             samples=int(status[workspace.SEEN]),
             learned=int(status[workspace.LEARNED]),
@@ -198,8 +243,8 @@ class Estimator:
             clipped=int(status[workspace.CLIPPED]),
             outside=int(status[workspace.OUTSIDE]),
             alarmed=int(status[workspace.ALARMED]),
-            adopted=int(status[workspace.ADOPTED]),
-            error_rms_N=float(np.sqrt(self._work.moments[workspace.ERROR_POWER]) * self.config.force_unit),
+            grown=int(status[workspace.GROWN]),
+            error_rms_N=float(np.sqrt(self.work.moments[workspace.ERROR_POWER]) * self.model.unit_N),
         )
 
     def state(self) -> dict[str, Any]:
@@ -207,61 +252,67 @@ class Estimator:
 
         The delay lines of extension terms are not part of it; they restart with the next sample.
         """
-        self.relinearisation.settle(self._work)
-        work = self._work.copy()
+        work = self.work.copy()
         return {
             "version": STATE_VERSION,
             "structure": {name: PARAMETERS[name].of(self.config) for name in self._structure()},
-            "arrays": {f.name: getattr(work, f.name) for f in fields(work)},
+            "chosen": {name: PARAMETERS[name].of(self.config) for name in CHOSEN},
+            "arrays": {f.name: getattr(work, f.name) for f in fields(work) if f.name not in workspace.CONSTANTS},
         }
 
     def _structure(self) -> tuple[str, ...]:
         return STRUCTURE + (THEORY_STRUCTURE if self.config.model.type == "parallel" else ())
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Take over a state; the estimator is unchanged if it does not fit.
+        """Take over a state, with the range and units that it was learned in; unchanged if it does not fit.
 
         Raises ConfigError naming the setting or array that differs.
         """
-        if state.get("version") != STATE_VERSION:
-            raise ConfigError(
-                f"state has version {state.get('version')}, this program reads {STATE_VERSION}: delete it to start cold"
-            )
+        config = stated_config(self.config, state)
         for name in self._structure():
             theirs, ours = state["structure"].get(name), PARAMETERS[name].of(self.config)
             if _plain(theirs) != _plain(ours):
                 raise ConfigError(f"state was learned with {name} = {theirs}, this estimator has {ours}")
-        taken: dict[str, Any] = {}
-        arrays: dict[str, Any] = dict(state["arrays"])
-        kept, proposal, due = Relinearisation.arrays(self.model, self.config)
-        fresh = {"kept": kept, "proposal": proposal}
-        alike = all(np.asarray(arrays.get(name)).shape == array.shape for name, array in fresh.items())
-        if not alike:  # rls.relinearise was switched: what was learned stays, what was kept starts afresh
-            arrays |= fresh
+        other = Estimator(config, self.model.extension)
+        work = other.work
         for item in fields(Workspace):
-            ours = getattr(self._work, item.name)
-            theirs = np.asarray(arrays.get(item.name))
+            if item.name in workspace.CONSTANTS:
+                continue
+            ours = getattr(work, item.name)
+            theirs = np.asarray(state["arrays"].get(item.name))
             if theirs.shape != ours.shape or theirs.dtype != ours.dtype:
                 raise ConfigError(
                     f"state array {item.name} is {theirs.dtype}{theirs.shape}, expected {ours.dtype}{ours.shape}"
                 )
             if not np.all(np.isfinite(theirs)):
                 raise ConfigError(f"state array {item.name} holds values that are not finite")
-            taken[item.name] = theirs.copy()
-        status = taken["status"]
-        if not alike:
-            status[workspace.KEPT :] = 0
-            status[workspace.DUE] = due
-        if np.any(np.delete(status, [workspace.SLOT, workspace.DIRECTION]) < 0) or not (
-            -1 <= status[workspace.SLOT] < workspace.KEPT_BLOCKS
-        ):
-            raise ConfigError("state array status holds impossible counts")
-        taken["shape"] = self._work.shape
-        taken["law"] = self._work.law
-        self._work = Workspace(**taken)
-        self.relinearisation = Relinearisation(self.model)
-        if self.model.extension is not None:
-            self.model.extension.restart()
+            setattr(work, item.name, theirs.copy())
+        _check_counts(work)
+        self.config, self.model, self._prior, self.work = other.config, other.model, other._prior, work
+
+
+def stated_config(config: Config, state: Mapping[str, Any]) -> Config:
+    """Return `config` with the range and units that a state was learned in.
+
+    Raises ConfigError for a state of another version, or one that names no range.
+    """
+    if state.get("version") != STATE_VERSION:
+        raise ConfigError(
+            f"state has version {state.get('version')}, this program reads {STATE_VERSION}: delete it to start cold"
+        )
+    chosen, structure = state.get("chosen"), state.get("structure")
+    if not isinstance(chosen, Mapping) or not isinstance(structure, Mapping) or set(chosen) != set(CHOSEN):
+        raise ConfigError("state does not say which range and units it was learned in: delete it to start cold")
+    learned = replace(config.learned, fir_taps=(), theory_taps=(), wavelet_weights=(), extension_weights=())
+    return replace(config, learned=learned).updated(chosen)
+
+
+def _check_counts(work: Workspace) -> None:
+    """Raise ConfigError where a state's counters are impossible."""
+    status = work.status
+    counts = np.delete(status, [workspace.HEAD, workspace.BEYOND])
+    if np.any(counts < 0) or status[workspace.HEAD] < -1 or np.any(work.errors[:, COUNT] < 0.0):
+        raise ConfigError("state array status holds impossible counts")
 
 
 def _plain(value: Any) -> Any:

@@ -2,20 +2,19 @@
 
 One sample is: push the new row into the delay lines, predict, learn. `run` does this over arrays; the node calls
 it with arrays of one. All state lives in the arrays of `Workspace`, so it can be copied, compared and restored bit
-for bit. The prediction and its gradient x, the regressor of every law, are in core/model/prediction.py.
-
-numba's cache sees edits of this file only, not of those that `run` calls: see there.
+for bit. `model.prediction` has the prediction and its gradient x, the regressor of every law.
 """
 
 import numpy as np
 from numba import njit
 
-from friction_estimator.core.model.prediction import HEAD, TAPS, WEIGHTS, push, regress
+from friction_estimator.core.fit.band import COUNT, EXTRAPOLATION, MISFIT_FACTOR, POWER, PRODUCT, note_error
+from friction_estimator.core.model.prediction import TAPS, WEIGHTS, push, regress
 from friction_estimator.core.model.structure import LARGEST_PARAMETER
 from friction_estimator.core.online import workspace as at
 
 LMS, NLMS, RLS = range(3)
-"""Numbers of the laws in the compiled dispatch; core/online/adaptation.py has the classes."""
+"""Numbers of the laws in the compiled dispatch; online/adaptation.py has the classes."""
 
 CLIP = 6.0
 """Errors beyond this many running rms are shortened before nlms and rls learn from them (Huber)."""
@@ -26,8 +25,14 @@ ERROR_MEMORY = 200.0
 QUIET_FALL, QUIET_RISE = 500.0, 5000.0
 """Samples over which the quiet error power follows a fall and a rise: it stays near the lower quarter of e^2."""
 
+LARGEST_SURPRISE = 9.0
+"""A squared error counts for at most this many times the quiet power in the quiet power itself."""
+
 ALARM_RATIO = 80.0
 """Running error power over quiet power beyond which the friction itself is taken to have changed."""
+
+CALM_RATIO = 0.25
+"""Share of the alarm's ratio below which it may be raised again."""
 
 TOLERANCE_RISE, TOLERANCE_MEMORY = 4.0, 1e5
 """Factor on that ratio after each alarm, and samples over which it falls back to 1: what is alarming in every cycle is
@@ -39,11 +44,14 @@ LEAST_BACKOFF, RECOVERY = 1e-4, 1e-4
 LEAST_POWER = 1e-12
 """Floor of the running powers: float noise of a perfect model is no alarm."""
 
-WHOLE_STEP = 1.001
-"""rls forgets only where its step was not shortened by more than this factor of the noise variance."""
-
 LEAST_EXCITATION, LARGEST_EXCITATION = 1e-14, 1e14
 """rls learns from samples whose x' P x lies between: below there is nothing to learn, above rounding would rule."""
+
+PULL_EVERY, LARGEST_PULL = 64, 0.5
+"""Samples between two pulls towards the prior, and the largest one: above 1 it would overshoot."""
+
+GROW_AFTER = 20
+"""Samples in a row beyond an edge of the range after which it grows: a wild velocity is alone."""
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
@@ -93,7 +101,7 @@ def _trusted(shape, ring, status, x, direction, gain):  # type: ignore[no-untype
     taps, weights = shape[TAPS], shape[WEIGHTS]
     step = direction[taps : taps + weights]
     bilinear = 0.0
-    place = status[HEAD] % taps
+    place = status[at.HEAD] % taps
     for i in range(taps):
         bilinear += direction[i] * _dot(ring[place], step)
         place = place - 1 if place > 0 else taps - 1
@@ -110,10 +118,11 @@ def _learn_lms(shape, theta, law, moments, status, x, error):  # type: ignore[no
 
     Guard: where mu |x|^2 > 1 the step would overshoot the sample that it learns from, the first sign of divergence.
     It is shortened to mu = 1/|x|^2 and counted, and mu itself backs off to half; it recovers over 1 / RECOVERY samples.
+    Without the guard (`law[FLOOR]` 0) a diverging law stops at `LARGEST_PARAMETER`.
     """
     step = law[at.STEP] * moments[at.BACKOFF]
     energy = _dot(x, x)
-    if step * energy > 1.0:
+    if law[at.FLOOR] > 0.0 and step * energy > 1.0:
         step = 1.0 / energy
         status[at.GUARDED] += 1
         moments[at.BACKOFF] = max(0.5 * moments[at.BACKOFF], LEAST_BACKOFF)
@@ -125,21 +134,17 @@ def _learn_lms(shape, theta, law, moments, status, x, error):  # type: ignore[no
 
 @njit(cache=True)
 def _move_norm_into_weights(shape, theta):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Normalise A and multiply W by its norm, where it has left [0.8, 1.25]: the output does not change.
-
-    Return the norm that was moved, 0 where nothing was.
-    """
+    """Normalise A and multiply W by its norm, where it has left [0.8, 1.25]: the output does not change."""
     taps = shape[TAPS]
     power = 0.0
     for i in range(taps):
         power += theta[i] * theta[i]
     if 0.64 < power < 1.5625:
-        return 0.0
+        return
     norm = _normalise_taps(shape, theta)
     if norm > 0.0:
         for i in range(taps, taps + shape[WEIGHTS]):
             theta[i] *= norm
-    return norm
 
 
 @njit(cache=True)
@@ -155,82 +160,9 @@ def _learn_nlms(shape, theta, ring, law, status, prior, x, error, gain):  # type
 
 
 @njit(cache=True)
-def _begin_again(status, parameters):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Keep samples from the present one on only: those before tell of other friction."""
-    status[at.KEPT] = 0
-    status[at.REVERSALS] = 0
-    status[at.DUE] = at.SAMPLES_A_PARAMETER * parameters
-    status[at.PROPOSED] = 0
-
-
-@njit(cache=True)
-def _keep(kept, moments, status, velocity, theory, extension, target, error, joint):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Store a sample that was learned from, if its block is one of those that are kept; count reversals.
-
-    Every block so far is kept with the same probability (reservoir sampling, Vitter 1985, algorithm R), so no period of
-    the drive is in step with it. The random number is a hash of the block's number: nothing else need be remembered.
-    """
-    place = status[at.KEPT]
-    status[at.KEPT] += 1
-    moments[at.FASTEST] = max(moments[at.FASTEST], abs(velocity))
-    if abs(velocity) > 0.1 * moments[at.FASTEST]:
-        direction = 1 if velocity > 0.0 else -1
-        if status[at.DIRECTION] == -direction:
-            status[at.REVERSALS] += 1
-        status[at.DIRECTION] = direction
-    blocks = kept.shape[0] // at.KEPT_BLOCK
-    number, row = place // at.KEPT_BLOCK, place % at.KEPT_BLOCK
-    if row == 0:
-        if number < blocks:
-            status[at.SLOT] = number
-        else:
-            mixed = np.uint64(number) * np.uint64(0x9E3779B97F4A7C15)
-            mixed = (mixed ^ (mixed >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-            mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-            mixed = (mixed ^ (mixed >> np.uint64(31))) % np.uint64(number + 1)
-            status[at.SLOT] = np.int64(mixed) if mixed < np.uint64(blocks) else -1
-    if status[at.SLOT] < 0:
-        return
-    into = kept[status[at.SLOT] * at.KEPT_BLOCK + row]
-    into[at.KEPT_PLACE] = place
-    into[at.KEPT_VELOCITY] = velocity
-    into[at.KEPT_THEORY] = theory
-    into[at.KEPT_TARGET] = target
-    into[at.KEPT_ERROR] = error
-    into[at.KEPT_JOINT] = joint
-    for i in range(extension.size):
-        into[at.KEPT_EXTENSION + i] = extension[i]
-
-
-@njit(cache=True)
-def _learn_rls(shape, theta, ring, law, moments, status, root, diagonal, prior, x, error, clipped, projected, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Recursive prediction error with directional forgetting, in square-root form.
-
-    P = S S' is positive semidefinite whatever is rounded. With r = x' P x the update
-
-        theta += P x e / (1 + r),  S <- S (I - gamma f f'), f = S' x, (1 - gamma r)^2 = 1 / (lambda (1 + r))
-
-    is the information update R <- R - (1 - lambda) x x' / (x' P x) + x x' of Kulhavy and Karny (1984): only what is
-    known along x is forgotten, so nothing winds up at standstill. A parameter whose variance would rise above its prior
-    keeps it (its row of S stays as it is). A step that is shortened, because the error is an outlier or because the
-    model is too curved for it, counts as proportionally less information. When the running error rises far above its
-    quiet level, the friction has changed abruptly: the covariance is set back to the prior once, the parameters stay.
-    """
-    n = theta.size
-    if law[at.FORGETTING] < 1.0:
-        ratio = moments[at.ERROR_POWER] / (moments[at.QUIET_POWER] * moments[at.TOLERANCE])
-        moments[at.TOLERANCE] -= (moments[at.TOLERANCE] - 1.0) / TOLERANCE_MEMORY
-        if moments[at.ALARM] == 0.0 and ratio > ALARM_RATIO:
-            moments[at.ALARM] = 1.0
-            moments[at.TOLERANCE] *= TOLERANCE_RISE
-            status[at.ALARMED] += 1
-            _begin_again(status, n)
-            root[:, :] = 0.0
-            for i in range(n):
-                root[i, i] = np.sqrt(prior[i])
-                diagonal[i] = prior[i]
-        elif ratio < 0.25 * ALARM_RATIO:
-            moments[at.ALARM] = 0.0
+def _project(root, x, projected):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Fill projected = S' x and return x' P x."""
+    n = x.size
     for j in range(n):
         projected[j] = 0.0
     for i in range(n):
@@ -238,42 +170,107 @@ def _learn_rls(shape, theta, ring, law, moments, status, root, diagonal, prior, 
         if xi != 0.0:
             for j in range(n):
                 projected[j] += root[i, j] * xi
-    r = _dot(projected, projected)
-    if not LEAST_EXCITATION < r < LARGEST_EXCITATION:
-        return
+    return _dot(projected, projected)
+
+
+@njit(cache=True)
+def _watch(root, prior_root, moments, status, clipped, expected):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Raise the alarm where the running error rises far above its quiet level: the friction has changed abruptly.
+
+    The covariance is set back to the prior once; the parameters stay and are learned anew from where they are. Errors
+    at velocities that are not known yet (`expected`, their variance rho x' P x, is large) are no surprise.
+    """
+    quiet = moments[at.QUIET_POWER]
+    surprise = clipped * clipped / (1.0 + expected / quiet)
+    moments[at.NEWS_POWER] += (surprise - moments[at.NEWS_POWER]) / ERROR_MEMORY
+    ratio = moments[at.NEWS_POWER] / (quiet * moments[at.TOLERANCE])
+    moments[at.TOLERANCE] -= (moments[at.TOLERANCE] - 1.0) / TOLERANCE_MEMORY
+    if moments[at.ALARM] == 0.0 and ratio > ALARM_RATIO:
+        moments[at.ALARM] = 1.0
+        moments[at.TOLERANCE] *= TOLERANCE_RISE
+        moments[at.ABSORBED] = moments[at.PULL] = 0.0
+        status[at.ALARMED] += 1
+        root[:, :] = prior_root
+    elif ratio < CALM_RATIO * ALARM_RATIO:
+        moments[at.ALARM] = 0.0
+
+
+@njit(cache=True)
+def _learn_rls(shape, theta, ring, law, moments, status, root, x, error, clipped, projected, r, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Recursive prediction error under a prior that is never spent, in square-root form.
+
+    P = S S' is positive semidefinite whatever is rounded. With r = x' P x in units of the residual variance,
+
+        theta += P x e / (1 + r),    S <- S (I - gamma f f'),  f = S' x,  gamma = (1 - 1 / sqrt(1 + w r)) / r
+
+    is the information update R <- R + w x x'. w is 1 while a sample is news, and less where r would fall below the
+    least leverage 1 - lambda: what is known along x then stays as it is. That is directional forgetting (Kulhavy and
+    Karny 1984) in its steady state, where as much is forgotten as is learned, except that nothing is taken away: R
+    never falls, so nothing winds up at standstill, and R >= R_prior.
+
+    A sample that adds nothing to R still moves theta. With N samples in R it counts for one that it replaces, so the
+    prior counts again by 1/N: theta -= (1 - w)/N P R_prior (theta - mean), gathered over `PULL_EVERY` samples. The
+    fixed point is that of the batch fit: N times the mean square error plus the prior's term is least.
+
+    A step that is shortened, because the error is an outlier or because the model is too curved for it, counts as
+    proportionally less information.
+    """
+    n = theta.size
     for i in range(n):
         gain[i] = _dot(root[i], projected)
     step = _trusted(shape, ring, status, x, gain, clipped / (1.0 + r))
     if not _step_along(theta, gain, step, status):
         return
     # step = error / (rho + r): rho is the noise variance, 1 for a whole step, at which this step is the whole one.
-    rho = max(1.0, error / step - r) if step != 0.0 else 1.0
-    shrink = rho / (rho + r)
-    if rho < WHOLE_STEP:
-        shrink /= law[at.FORGETTING]
-    change = (1.0 - shrink) / r  # P <- P - change g g'
-    gamma = (1.0 - np.sqrt(shrink)) / r
-    for i in range(n):
-        grown = diagonal[i] - change * gain[i] * gain[i]
-        if shrink > 1.0 and grown > prior[i]:
-            continue  # forgotten as far as it may be
-        diagonal[i] = grown
-        factor = gamma * gain[i]
-        for j in range(n):
-            root[i, j] -= factor * projected[j]
-    norm = _move_norm_into_weights(shape, theta)
-    taps, weights = shape[TAPS], shape[WEIGHTS]
-    if norm > 0.0:
-        for i in range(taps + weights):
-            scale = 1.0 / norm if i < taps else norm
-            diagonal[i] *= scale * scale
-            for j in range(n):
-                root[i, j] *= scale
-    moments[at.DIAGONAL_AGE] += 1.0
-    if moments[at.DIAGONAL_AGE] >= 1000.0:  # rounding must not gather in the running diagonal
-        moments[at.DIAGONAL_AGE] = 0.0
+    w = 1.0 / max(1.0, error / step - r) if step != 0.0 else 1.0
+    floor = law[at.LEAST_LEVERAGE]
+    if floor > 0.0:
+        w = min(w, max(0.0, 1.0 / floor - 1.0 / r))
+    if w > 0.0:
+        gamma = (1.0 - 1.0 / np.sqrt(1.0 + w * r)) / r
         for i in range(n):
-            diagonal[i] = _dot(root[i], root[i])
+            factor = gamma * gain[i]
+            for j in range(n):
+                root[i, j] -= factor * projected[j]
+    moments[at.ABSORBED] += w
+    moments[at.PULL] += (1.0 - w) / max(moments[at.ABSORBED], 1.0)
+
+
+@njit(cache=True)
+def _pull(theta, root, mean, information, moments, status, projected, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """theta -= pull P R_prior (theta - mean): what the prior says of the samples that replaced others."""
+    share = min(moments[at.PULL], LARGEST_PULL)
+    moments[at.PULL] = 0.0
+    if share <= 0.0:
+        return
+    n = theta.size
+    for i in range(n):
+        gain[i] = theta[i] - mean[i]
+    for j in range(n):
+        projected[j] = 0.0
+    for i in range(n):
+        force = _dot(information[i], gain)
+        for j in range(n):
+            projected[j] += root[i, j] * force
+    for i in range(n):
+        gain[i] = _dot(root[i], projected)
+    _step_along(theta, gain, -share, status)
+
+
+@njit(cache=True)
+def _beyond(moments, status, velocity, beyond, learn):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Count samples in a row beyond one edge; return whether the range is to grow."""
+    if beyond == 0.0 or not learn:
+        status[at.BEYOND] = 0
+        return False
+    side = 1 if velocity > 0.0 else -1
+    if status[at.BEYOND] * side <= 0:
+        status[at.BEYOND] = 0
+        moments[at.EXTREME] = velocity
+    status[at.BEYOND] += side
+    if abs(velocity) < abs(moments[at.EXTREME]):
+        moments[at.EXTREME] = velocity
+    return status[at.MAY_GROW] == 1 and abs(status[at.BEYOND]) >= GROW_AFTER
 
 
 @njit(cache=True, nogil=True)
@@ -281,6 +278,8 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     law_number,
     index,
     value,
+    cell,
+    beyond,
     velocity,
     theory,
     extension,
@@ -288,72 +287,97 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     restart,
     learn,
     predicted,
+    deviation,
     shape,
     theta,
     ring,
     ring_theory,
     root,
-    diagonal,
     prior,
+    mean,
+    information,
+    prior_root,
     law,
     moments,
     status,
-    kept,
+    errors,
 ):
-    """Predict and learn over n samples, or until something is due.
+    """Predict and learn over n samples, or until the range is to grow.
 
     Parameters
     ----------
     law_number : LMS, NLMS or RLS.
-    index, value : (n, width), rows of Psi. velocity : (n,), m/s. theory : (n,), d. extension : (n, columns).
-        target : (n,), measured friction. All finite; forces in normalised units.
+    index, value : (n, width), rows of Psi. cell : (n,), cell of the velocity. beyond : (n,), relative distance outside
+        the range. velocity : (n,), m/s. theory : (n,), d. extension : (n, columns). target : (n,), measured friction.
+        All finite; forces in normalised units.
     restart, learn : (n,) bool.
-    predicted : (n,), filled with the a priori prediction.
-    shape .. kept : the arrays of `Workspace`, updated in place.
+    predicted, deviation : (n,), filled with the a priori prediction and its standard deviation.
+    shape .. errors : the arrays of `Workspace`, updated in place.
 
     Returns
     -------
-    0, or, where a fit to the kept samples is due, the number of samples taken: the caller has to start or to adopt it
-    before it goes on (see `relinearisation`).
+    0, or, where the range is to grow, the number of samples taken: the caller has to see to it before it goes on.
     """
     n = theta.size
     x = np.zeros(n)
     projected = np.zeros(n)
     gain = np.zeros(n)
+    settled = shape[TAPS] - 1
     for k in range(target.size):
         begins = restart[k] or status[at.SEEN] == 0
         push(shape, ring, ring_theory, status, index[k], value[k], theory[k], begins)
         status[at.SEEN] += 1
         predicted[k] = regress(shape, theta, ring, ring_theory, status, extension[k], x)
         error = target[k] - predicted[k]
+        here = errors[cell[k]]
+        variance = moments[at.ERROR_POWER]
+        if here[COUNT] > 0.0:
+            variance = here[POWER] + MISFIT_FACTOR * max(here[PRODUCT], 0.0)
+        r = 0.0
+        if law_number == RLS:
+            r = _project(root, x, projected)
+            variance += law[at.RESIDUAL_VARIANCE] * r
+        outside = EXTRAPOLATION * beyond[k]
+        deviation[k] = np.sqrt(variance + outside * outside)
         limit = CLIP * np.sqrt(moments[at.ERROR_POWER])
         clipped = min(max(error, -limit), limit)
         moments[at.ERROR_POWER] += (clipped * clipped - moments[at.ERROR_POWER]) / ERROR_MEMORY
         moments[at.ERROR_POWER] = max(moments[at.ERROR_POWER], LEAST_POWER)
         quiet = moments[at.QUIET_POWER]
-        surprise = min(clipped * clipped, 9.0 * quiet) - quiet
+        surprise = min(clipped * clipped, LARGEST_SURPRISE * quiet) - quiet
         moments[at.QUIET_POWER] = max(quiet + surprise / (QUIET_FALL if surprise < 0.0 else QUIET_RISE), LEAST_POWER)
-        if learn[k]:
-            status[at.LEARNED] += 1
-            if law_number == LMS:
-                _learn_lms(shape, theta, law, moments, status, x, error)
-                continue
-            if clipped != error:
-                status[at.CLIPPED] += 1
-            if law_number == NLMS:
-                _learn_nlms(shape, theta, ring, law, status, prior, x, clipped, gain)
-            else:
-                _learn_rls(
-                    shape, theta, ring, law, moments, status, root, diagonal, prior, x, error, clipped, projected, gain
-                )
-        if kept.shape[0] > 0:
-            if not learn[k]:
-                status[at.BROKEN] = 1
-                continue
-            joint = at.RESTARTS if begins else at.JOINS if status[at.BROKEN] != 0 else at.CONTINUES
-            status[at.BROKEN] = 0
-            _keep(kept, moments, status, velocity[k], theory[k], extension[k], target[k], error, joint)
-            moved = status[at.PROPOSED] > 0 or status[at.REVERSALS] >= at.FEWEST_REVERSALS
-            if moved and status[at.KEPT] >= status[at.DUE]:
+        if beyond[k] > 0.0:
+            status[at.OUTSIDE] += 1
+            status[at.FOLLOWS] = 0
+            if _beyond(moments, status, velocity[k], beyond[k], learn[k]):
                 return k + 1
+            continue
+        status[at.BEYOND] = 0
+        # lms is the paper's to the letter; the others wait until the delay lines hold measured samples only.
+        if not learn[k] or (law_number != LMS and status[at.HEAD] < settled):
+            status[at.FOLLOWS] = 0
+            continue
+        status[at.LEARNED] += 1
+        note_error(errors, cell[k], clipped, moments[at.LAST_ERROR], status[at.FOLLOWS] == 1 and not begins)
+        moments[at.LAST_ERROR] = clipped
+        status[at.FOLLOWS] = 1
+        if law_number == LMS:
+            _learn_lms(shape, theta, law, moments, status, x, error)
+            continue
+        if clipped != error:
+            status[at.CLIPPED] += 1
+        if law_number == NLMS:
+            _learn_nlms(shape, theta, ring, law, status, prior, x, clipped, gain)
+            continue
+        if law[at.LEAST_LEVERAGE] > 0.0:
+            before = status[at.ALARMED]
+            _watch(root, prior_root, moments, status, clipped, law[at.RESIDUAL_VARIANCE] * r)
+            if status[at.ALARMED] != before:
+                r = _project(root, x, projected)
+        if LEAST_EXCITATION < r < LARGEST_EXCITATION:
+            _learn_rls(shape, theta, ring, law, moments, status, root, x, error, clipped, projected, r, gain)
+        status[at.UNPULLED] += 1
+        if status[at.UNPULLED] >= PULL_EVERY:
+            status[at.UNPULLED] = 0
+            _pull(theta, root, mean, information, moments, status, projected, gain)
     return 0

@@ -1,42 +1,30 @@
 """What one estimator carries from sample to sample, and the names of the places in it."""
 
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from friction_estimator.core.model.prediction import HEAD
+from friction_estimator.core.model import prediction
 from friction_estimator.core.sample import Floats, Ints
 
-# Places in Workspace.status; HEAD is that of model/prediction.py, where the places in Workspace.shape are as well
-SEEN, LEARNED, GUARDED, CLIPPED, OUTSIDE, ALARMED, ADOPTED = range(HEAD + 1, 8)
-KEPT, SLOT, BROKEN, REVERSALS, DIRECTION, DUE, PROPOSED = range(8, 15)
-STATUS_SIZE = 15
+# Places in Workspace.status; the first is `prediction.HEAD`
+HEAD = prediction.HEAD
+SEEN, LEARNED, GUARDED, CLIPPED, OUTSIDE, ALARMED, GROWN, BEYOND, MAY_GROW, UNPULLED, FOLLOWS = range(1, 12)
+STATUS_SIZE = 12
 
 # Places in Workspace.moments
-ERROR_POWER, QUIET_POWER, DIAGONAL_AGE, ALARM, BACKOFF, FASTEST, TOLERANCE = range(7)
+ERROR_POWER, QUIET_POWER, NEWS_POWER, TOLERANCE, ALARM, BACKOFF, ABSORBED, PULL, LAST_ERROR, EXTREME = range(10)
+MOMENTS_SIZE = 10
 
 # Places in Workspace.law
-STEP, FLOOR, FORGETTING = range(3)
+STEP, FLOOR, LEAST_LEVERAGE, RESIDUAL_VARIANCE = range(4)
 
-# Columns of Workspace.kept; those of the extension terms follow
-KEPT_PLACE, KEPT_VELOCITY, KEPT_THEORY, KEPT_TARGET, KEPT_ERROR, KEPT_JOINT, KEPT_EXTENSION = range(7)
+START_POWER = 1.0
+"""Running powers before the first sample: an error of one force unit is nothing unusual yet."""
 
-CONTINUES, RESTARTS, JOINS = range(3)
-"""Values of KEPT_JOINT: the sample follows the one before it, restarts the delay lines, or follows something that was
-not kept, so that the first samples only fill them."""
-
-KEPT_BLOCK = 128
-"""Consecutive samples that are kept or passed over together: the FIR's regressors need their neighbours."""
-
-KEPT_BLOCKS = 64
-"""Blocks that are kept."""
-
-SAMPLES_A_PARAMETER = 10
-"""Learned samples a parameter before the first fit to the kept samples."""
-
-FEWEST_REVERSALS = 2
-"""Of the shaft before anything is fitted: a fit to part of the first cycle says nothing of the rest."""
+CONSTANTS = ("shape", "prior", "mean", "information", "prior_root", "law")
+"""Fields that follow from the configuration and are no part of a state."""
 
 
 @dataclass
@@ -50,21 +38,16 @@ class Workspace:
     ring : (taps, weights), the last rows of Psi, dense (so that the loops over them vectorise); `status[HEAD]` counts
         the rows, the newest is at `status[HEAD] % taps`.
     ring_theory : (max(theory taps, 1),), the last values of d, newest at `status[HEAD] % size`.
-    root : (n, n), square root S of the covariance P = S S' (rls), else (0, 0).
-    diagonal : (n,), the diagonal of P (rls), else (0,).
-    prior : (n,), the metric of nlms; for rls the diagonal of P before the first sample, which no variance exceeds;
-        (0,) for lms.
-    law : (3,), constants of the law.
-    moments : (7,), running powers, the state of the alarm and of the back-off, the largest speed learned from, the
-        factor on the alarm's ratio.
-    status : (15,) int64, counters. Those from KEPT on count from the start or the last alarm: samples learned from,
-        place of the present block in `kept` (-1: passed over), whether the next sample does not follow the one kept
-        last, reversals of the shaft, its direction, when the next fit is to be started or adopted, and how many samples
-        had been learned from when the fit under way was started (0: none).
-    kept : (rows, 6 + extension columns), a random sample, in blocks, of all that was learned from since the start or
-        the last alarm, with the a priori errors; (0, 0) where nothing is fitted to it (see `relinearisation`).
-    proposal : (1 + n, n), theta and the square root of its covariance that a fit to `kept` proposes; zeros where it
-        proposes nothing. Not for the compiled loop.
+    root : (n, n), square root S of the covariance P = S S' over the residual variance (rls), else (0, 0).
+    prior : (n,), the metric of nlms, else (0,).
+    mean : (n,), information, prior_root : (n, n), of the prior over the residual variance (rls), else empty.
+    law : (4,), constants of the law.
+    moments : (10,): running error power, its quiet level, the part of it that the covariance did not expect, the factor
+        on the alarm's ratio, whether it is raised, lms' back-off, samples that the covariance holds, the pull towards
+        the prior that is due, the error before, and the velocity by which the range may grow.
+    status : (12,) int64, counters; `BEYOND` counts the samples in a row beyond one edge (negative: the lower one),
+        `MAY_GROW` is 1 where the range may grow, `FOLLOWS` is 1 where the last error is that of the sample before.
+    errors : (cells, 3), running errors by cell of velocity (see `fit.band`).
     """
 
     shape: Ints
@@ -72,18 +55,34 @@ class Workspace:
     ring: Floats
     ring_theory: Floats
     root: Floats
-    diagonal: Floats
     prior: Floats
+    mean: Floats
+    information: Floats
+    prior_root: Floats
     law: Floats
     moments: Floats
     status: Ints
-    kept: Floats
-    proposal: Floats
+    errors: Floats
 
     def copy(self) -> "Workspace":
         """Return an independent copy."""
         return Workspace(**{f.name: getattr(self, f.name).copy() for f in fields(self)})
 
-    def arrays(self) -> tuple[NDArray[np.generic], ...]:
+    def arrays(self) -> tuple[Any, ...]:
         """Return the arrays in the order in which `kernels.run` takes them."""
-        return tuple(getattr(self, f.name) for f in fields(self) if f.name != "proposal")
+        return tuple(getattr(self, f.name) for f in fields(self))
+
+
+def cold_moments() -> Floats:
+    """Return `moments` before the first sample."""
+    moments = np.zeros(MOMENTS_SIZE)
+    moments[[ERROR_POWER, QUIET_POWER]] = START_POWER
+    moments[[TOLERANCE, BACKOFF]] = 1.0
+    return moments
+
+
+def cold_status(may_grow: bool) -> Ints:
+    """Return `status` before the first sample."""
+    status = np.zeros(STATUS_SIZE, np.int64)
+    status[MAY_GROW] = int(may_grow)
+    return status

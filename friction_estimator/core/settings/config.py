@@ -5,7 +5,7 @@ documentation. A setting is addressed by its dotted name: `fir.order` is ``confi
 """
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -45,14 +45,14 @@ class BasisConfig:
     )
     velocity_range: tuple[float, ...] = setting(
         (),
-        "Velocities that g covers, [lowest, highest]. Outside, g is held at the edge, nothing is learned, "
-        "and the diagnostics say so. Empty: derived from the recording by replay, [-0.15, 0.15] in the live node.",
+        "Velocities that g covers, [lowest, highest]: fixed. Outside, g is held at the edge, nothing is learned, and "
+        "the diagnostics say so. Empty: those of the first contact, and it grows with the speeds that follow.",
         unit="m/s",
     )
     velocity_unit: float = setting(
         0.0,
-        "Velocity of one basis unit (at standstill, where velocity is companded). 0: the velocity range divided into "
-        "16 units.",
+        "Velocity of one basis unit (at standstill, where velocity is companded). 0: the range of the first contact, "
+        "or the one given, divided into 16 units.",
         unit="m/s per basis unit",
         low=0.0,
         high=1e9,
@@ -78,6 +78,9 @@ class LmsConfig:
     """The paper's law."""
 
     step_size: float = setting(0.005, "Step size mu of lms, in normalised units.", low=0.0, high=1.0, live=True)
+    guard: bool = setting(
+        True, "Shorten steps that would overshoot their own sample; false is the paper's law to the letter.", live=True
+    )
 
 
 @dataclass(frozen=True)
@@ -91,27 +94,61 @@ class NlmsConfig:
 
 
 @dataclass(frozen=True)
+class PriorConfig:
+    """What is believed before any sample: the same for rls, for the batch fit and, as its metric, for nlms.
+
+    Deviations are relative to `force_unit`; docs/decisions/0006-one-prior.md has the study that chose them.
+    """
+
+    weight_deviation: float = setting(
+        1.0, "Prior standard deviation of a weight of the coarsest level, in force units.", low=1e-6, high=1e6
+    )
+    weight_slope: float = setting(
+        1.5,
+        "A weight of level m has the deviation of the coarsest level M times 2^(slope (m - M)): the larger, the "
+        "smoother g.",
+        low=0.0,
+        high=8.0,
+    )
+    tap_deviation: float = setting(
+        0.15, "Prior standard deviation of the first tap behind g about 1, of the second about 0.", low=1e-6, high=1e3
+    )
+    theory_tap_deviation: float = setting(
+        0.3, "The same for the taps behind the theoretical curve.", low=1e-6, high=1e3
+    )
+    tap_decay: float = setting(
+        0.9,
+        "The covariance of taps i and j is deviation^2 decay^max(i, j): impulse responses die out, smoothly.",
+        low=0.01,
+        high=0.9999,
+    )
+    rest_deviation: float = setting(
+        0.003,
+        "Prior standard deviation of g at standstill, in force units: steady friction is odd enough to vanish there.",
+        low=1e-6,
+        high=1e6,
+    )
+    residual_deviation: float = setting(
+        0.1,
+        "What one sample is taken to err by, in force units: noise and, since it repeats with the drive, several times "
+        "the model's error. The larger, the more the prior weighs.",
+        low=1e-6,
+        high=1e3,
+    )
+
+
+@dataclass(frozen=True)
 class RlsConfig:
     """Recursive prediction error method."""
 
     forgetting_factor: float = setting(
-        0.995,
-        "Forgetting factor lambda of what is known along the present regressor; the steady misadjustment is about "
-        "(1 - lambda) / 2 of the error power. 1: no forgetting.",
+        0.999,
+        "1 - lambda is the least share of each error that a step removes, however much is known: lambda = 0.997 "
+        "follows slow changes over some hundred samples at each velocity. 1: all samples count alike, nothing is "
+        "followed.",
         low=0.9,
         high=1.0,
         live=True,
-    )
-    initial_variance: float = setting(
-        1000.0,
-        "Prior variance of a normalised weight over the noise variance: 1000 is a weight of 1 at 3 % noise.",
-        low=1e-3,
-        high=1e9,
-    )
-    relinearise: bool = setting(
-        True,
-        "Fit again, at growing numbers of samples, to a random sample of all that was learned from, in a thread "
-        "(up to 1500 products of taps and weights).",
     )
 
 
@@ -246,6 +283,31 @@ class ExtensionConfig:
 class LearnedConfig:
     """Learned values: empty for a cold start, written by the running estimator."""
 
+    velocity_range: tuple[float, ...] = setting(
+        (),
+        "Velocities that g covers by what was seen, where basis.velocity_range is empty.",
+        unit="m/s",
+        live=True,
+        learned=True,
+    )
+    velocity_scale: float = setting(
+        0.0,
+        "Largest speed of the first contact: it sets basis unit and companding. 0: not met yet.",
+        unit="m/s",
+        low=0.0,
+        high=1e12,
+        live=True,
+        learned=True,
+    )
+    force_unit: float = setting(
+        0.0,
+        "Usual friction of the first contact, where force_unit is 0. 0: not met yet.",
+        unit="N",
+        low=0.0,
+        high=1e12,
+        live=True,
+        learned=True,
+    )
     fir_taps: tuple[float, ...] = setting((), "Taps of the FIR behind g.", live=True, learned=True)
     theory_taps: tuple[float, ...] = setting(
         (), "Taps of the FIR behind the theoretical curve.", live=True, learned=True
@@ -262,8 +324,7 @@ class Config:
 
     force_unit: float = setting(
         0.0,
-        "Force of one normalised unit (the expected rms of friction). 0: derived from the recording by replay, "
-        "10 N in the live node.",
+        "Force of one normalised unit (the expected rms of friction). 0: that of the first contact.",
         unit="N",
         low=0.0,
         high=1e12,
@@ -273,6 +334,7 @@ class Config:
     fir: FirConfig = FirConfig()
     lms: LmsConfig = LmsConfig()
     nlms: NlmsConfig = NlmsConfig()
+    prior: PriorConfig = PriorConfig()
     rls: RlsConfig = RlsConfig()
     theory: TheoryConfig = TheoryConfig()
     seal: SealConfig = SealConfig()
@@ -301,6 +363,8 @@ class Config:
         """Return a copy with the named values replaced, checked as a whole."""
         tree: dict[str, dict[str, Value]] = {}
         for name, value in values.items():
+            if name in RETIRED:
+                continue
             item = parameter(name)
             group, _, leaf = item.name.rpartition(".")
             tree.setdefault(group, {})[leaf] = item.checked(value)
@@ -317,11 +381,9 @@ class Config:
                 f"basis.coarsest_level is {self.basis.coarsest_level}, below basis.finest_level "
                 f"{self.basis.finest_level}: levels grow coarser with their number"
             )
-        velocity_range = self.basis.velocity_range
-        if velocity_range and (len(velocity_range) != 2 or not velocity_range[0] < velocity_range[1]):
-            raise ConfigError(
-                f"basis.velocity_range is {list(velocity_range)}: give [lowest, highest] in m/s, lowest first"
-            )
+        for room, ends in (("basis", self.basis.velocity_range), ("learned", self.learned.velocity_range)):
+            if ends and (len(ends) != 2 or not ends[0] < ends[1]):
+                raise ConfigError(f"{room}.velocity_range is {list(ends)}: give [lowest, highest] in m/s, lowest first")
         if self.input.friction_sign == 0:
             raise ConfigError("input.friction_sign is 0: give 1 or -1")
         if self.model.type == "parallel" and self.theory.kind == "none":
@@ -332,12 +394,50 @@ class Config:
         if self.theory.kind == "table" and not self.theory.table:
             raise ConfigError("theory.kind is table and theory.table is empty: name the CSV file")
 
+    @property
+    def reach(self) -> tuple[float, float] | None:
+        """Velocities that g covers, (lowest, highest) m/s; None before the first contact."""
+        given = self.basis.velocity_range or self.learned.velocity_range
+        return (given[0], given[1]) if given else None
+
+    @property
+    def velocity_scale(self) -> float:
+        """Speed that basis unit and companding derive from, m/s; 0 before the first contact."""
+        if self.basis.velocity_range or not self.learned.velocity_scale:
+            return max(map(abs, self.reach)) if self.reach else 0.0
+        return self.learned.velocity_scale
+
+    @property
+    def unit_N(self) -> float:
+        """Force of one normalised unit, N; 0 before the first contact."""
+        return self.force_unit or self.learned.force_unit
+
+    @property
+    def is_met(self) -> bool:
+        """Whether range and units are known, so that a model can be built."""
+        return self.reach is not None and self.unit_N > 0.0
+
     def to_mapping(self) -> dict[str, Value]:
         """Return every value under its dotted name."""
         return {item.name: item.of(self) for item in PARAMETERS.values()}
 
 
+RETIRED = {
+    "rls.initial_variance": "prior.residual_deviation",
+    "rls.relinearise": "rls.forgetting_factor",
+}
+"""Parameters of earlier versions, which are passed over, and what sets the same today; see `retired`."""
+
 PARAMETERS: dict[str, Parameter] = {item.name: item for item in walk(Config)}
+
+
+def retired(names: Iterable[str]) -> list[str]:
+    """Return one line for each parameter of an earlier version among `names`; readers of files show them.
+
+    >>> retired(["fir.order", "rls.relinearise"])
+    ['rls.relinearise is retired and passed over: see rls.forgetting_factor']
+    """
+    return [f"{name} is retired and passed over: see {RETIRED[name]}" for name in names if name in RETIRED]
 
 
 def parameter(name: str) -> Parameter:

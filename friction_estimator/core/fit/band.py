@@ -1,0 +1,176 @@
+"""The learned curve with its 95 % band, and the standard deviation of a prediction.
+
+What a curve may err by at a velocity has two parts: what the samples left open of the parameters,
+
+    J C J',   C = posterior covariance under residuals that repeat with the drive (`prior.residual_deviation`)
+
+and what no parameter can follow, the misfit. The latter is read off the errors themselves, cell of velocity by cell:
+the mean product of an error with the one before it is the power of all that is not white (a sensor's noise averages
+out), so a film that lags, which bends the curve differently on the way up and down, shows as a wide band there. Beyond
+the velocities seen the band widens with the distance.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from scipy.ndimage import maximum_filter1d
+
+from friction_estimator.core.model.basis import Basis
+from friction_estimator.core.model.prior import Prior
+from friction_estimator.core.model.structure import Model
+from friction_estimator.core.sample import Bools, Floats, Ints, Samples
+
+COUNT, POWER, PRODUCT = range(3)
+"""Columns of a table of running errors: samples in the cell, mean e[k]^2 and mean e[k] e[k-1], normalised."""
+
+MEMORY = 64.0
+"""Samples in a cell over which its errors are averaged."""
+
+POINTS = 401
+"""Of a curve."""
+
+MISFIT_FACTOR = 2.0
+"""A misfit counts for this many times its power on another drive: on the one that was learned, taps and curve were bent
+to hide it (benchmarks/transfer)."""
+
+NOISE_QUANTILE, NOISE_MARGIN = 0.1, 1.5
+"""The quietest cells show the sensor's noise; what exceeds it by more than the scatter of a mean of `MEMORY` squares is
+misfit, even where the shaft crosses a cell in less than a sample and the products say nothing."""
+
+NEIGHBOURS = 1
+"""Cells on either side whose misfit counts for a cell too: taps smear what happens in one over the next."""
+
+COLOUR = 10.0
+"""Factor on the error power before it is compared with the prior's residual variance: errors that repeat with the drive
+average out that much more slowly than white ones."""
+
+NORMAL_95 = 1.959964
+"""Two-sided 95 % quantile of the normal distribution."""
+
+EXTRAPOLATION = 0.5
+"""Standard deviation of the curve, in force units, at twice the fastest speed that was learned; grows in proportion to
+the distance."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Friction at constant velocity with a 95 % band.
+
+    Attributes
+    ----------
+    velocity_m_s : (m,).
+    friction_N, low_N, high_N : (m,), N.
+    learned_share : (m,), share of the prior variance of the curve that the data removed; None for laws without
+        covariance.
+    pressure_Pa, temperature_degC : gauge pressure and temperature that the curve holds for.
+    """
+
+    velocity_m_s: Floats
+    friction_N: Floats
+    low_N: Floats
+    high_N: Floats
+    learned_share: Floats | None
+    pressure_Pa: float
+    temperature_degC: float
+
+
+@njit(cache=True)
+def note_error(errors, cell, error, last, follows):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Add an error to its cell's running means; `last` is the error of the sample before, where it `follows`."""
+    row = errors[cell]
+    row[COUNT] += 1.0
+    gain = 1.0 / min(row[COUNT], MEMORY)
+    row[POWER] += gain * (error * error - row[POWER])
+    if follows:
+        row[PRODUCT] += gain * (error * last - row[PRODUCT])
+
+
+@njit(cache=True)
+def _note_errors(errors, cell, error, use, restart):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Fill a table of running errors from a whole record."""
+    for k in range(error.size):
+        if use[k]:
+            follows = k > 0 and use[k - 1] and not restart[k]
+            note_error(errors, cell[k], error[k], error[k - 1] if follows else 0.0, follows)
+
+
+def errors_by_cell(basis: Basis, cell: Ints, error: Floats, use: Bools, restart: Bools) -> Floats:
+    """Return the table of running errors, (cell_count, 3), of a record's errors (n,) in normalised units."""
+    errors = np.zeros((basis.cell_count, 3))
+    _note_errors(errors, cell, np.ascontiguousarray(error), use, restart)
+    return errors
+
+
+def misfit_variance(errors: Floats) -> Floats:
+    """Return the power of the errors that are not white, by cell, (cells,); neighbours stand in for empty cells."""
+    power = _filled(errors, POWER)
+    white = NOISE_MARGIN * float(np.quantile(power, NOISE_QUANTILE))
+    power = np.maximum(np.maximum(_filled(errors, PRODUCT), power - white), 0.0)
+    return np.asarray(MISFIT_FACTOR * maximum_filter1d(power, 2 * NEIGHBOURS + 1, mode="nearest"))
+
+
+def _filled(errors: Floats, column: int) -> Floats:
+    """Return a column of the running errors, (cells,), empty cells from their neighbours; 1 where nothing was seen."""
+    seen = np.flatnonzero(errors[:, COUNT] > 1.0)
+    if not seen.size:
+        return np.ones(errors.shape[0])
+    return np.asarray(np.interp(np.arange(errors.shape[0]), seen, errors[seen, column]))
+
+
+def beyond_variance(beyond: Floats) -> Floats:
+    """Return the variance of extrapolation, normalised, at relative distances `beyond` outside the range."""
+    return np.asarray(np.square(EXTRAPOLATION * beyond))
+
+
+def median_conditions(model: Model, samples: Samples | None) -> tuple[float, float]:
+    """Return the median gauge pressure (Pa) and temperature (degC) of samples; defaults where there are none."""
+    settings = model.config.theory
+    pressure, temperature = settings.default_pressure, settings.default_temperature
+    if samples is not None and samples.pressure_Pa is not None and np.isfinite(samples.pressure_Pa).any():
+        pressure = float(np.nanmedian(samples.pressure_Pa)) - settings.ambient_pressure
+    if samples is not None and samples.temperature_degC is not None and np.isfinite(samples.temperature_degC).any():
+        temperature = float(np.nanmedian(samples.temperature_degC))
+    return pressure, temperature
+
+
+def static_curve(
+    model: Model,
+    theta: Floats,
+    errors: Floats,
+    covariance: Floats | None,
+    prior: Prior,
+    conditions: tuple[float, float],
+    velocity_m_s: Floats | None = None,
+) -> Curve:
+    """Return the friction at constant velocity with its 95 % band.
+
+    Parameters
+    ----------
+    theta : (n,), parameters. errors : (cells, 3), table of running errors.
+    covariance : (n, n), of theta, normalised; None for laws that have none: then the running errors alone count.
+    conditions : gauge pressure (Pa) and temperature (degC).
+    velocity_m_s : (m,), where; `POINTS` evenly over the learned velocities unless given.
+    """
+    low, high = model.basis.reach
+    velocity = np.linspace(low, high, POINTS) if velocity_m_s is None else np.asarray(velocity_m_s, np.float64)
+    theory = model.theory_at(velocity, *conditions)
+    friction, gradient = model.steady_state(theta, velocity, theory)
+    cell = model.basis.cells(velocity)
+    variance = misfit_variance(errors)[cell] + beyond_variance(model.beyond(velocity))
+    share = None
+    if covariance is None:
+        power = np.where(errors[:, COUNT] > 0.0, errors[:, POWER], np.max(errors[:, POWER], initial=0.0))
+        variance = variance + power[cell]
+    else:
+        after = np.maximum(np.einsum("ij,jk,ik->i", gradient, covariance, gradient), 0.0)
+        before = np.einsum("ij,jk,ik->i", gradient, prior.covariance, gradient)
+        left = np.clip(after / np.maximum(before, np.finfo(float).tiny), 0.0, 1.0)
+        share = np.where(before > 0.0, 1.0 - left, 0.0)
+        # Where the errors are smaller than the prior took them to be, what was learned is known better than P says;
+        # what was not learned is not.
+        measured = np.minimum(COLOUR * _filled(errors, POWER) / prior.residual_variance, 1.0)
+        measured = np.where(errors[:, COUNT] > 1.0, measured, 1.0)[cell]
+        variance = variance + after * np.maximum(measured, left)
+    half = NORMAL_95 * model.unit_N * np.sqrt(variance)
+    return Curve(velocity, friction, friction - half, friction + half, share, *conditions)

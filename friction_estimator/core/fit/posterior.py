@@ -1,0 +1,141 @@
+"""The posterior of a model's parameters given a record: cost, its minimum, and the covariance there.
+
+With the moments of a record (`moments`), the prior N(mu, P0) and the residual variance rho of `prior`, the negative
+logarithm of the posterior is, up to a constant,
+
+    phi(theta) = n / rho C(theta) + 1/2 (theta - mu)' P0^-1 (theta - mu)
+
+with C half the mean square error and n the effective number of samples. A record of one sine does not say more when it
+goes on: its misfit repeats. So n stops growing where the mean leverage of a sample, E[x' P x] / rho with P the
+posterior covariance, has come down to 1 - lambda: the same bound by which rls stops (see `online.kernels`).
+
+For fixed FIR taps the rest is linear and is eliminated (variable projection, Golub and Pereyra 1973); phi over the few
+taps is minimised by a trust-region Newton method with its exact Hessian, which never accepts a step that is worse.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import minimize
+
+from friction_estimator.core.fit.moments import Moments
+from friction_estimator.core.model.prior import Prior
+from friction_estimator.core.sample import Floats
+
+NEWTON: Any = {"gtol": 1e-4, "maxiter": 100, "initial_trust_radius": 0.5, "max_trust_radius": 8.0}
+"""Of the minimisation, in prior deviations of the taps: phi is of the order of the number of parameters, so a gradient
+of 1e-4 is a ten thousandth of a standard error."""
+
+ROUNDS = 4
+"""Most times that the effective number of samples is computed anew from the fit that it led to."""
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Negative log posterior of theta = [A, W, A1, C].
+
+    Attributes
+    ----------
+    moments : of the record, without ridge.
+    prior : of the model.
+    effective : number n of samples that the record is worth.
+    """
+
+    moments: Moments
+    prior: Prior
+    effective: float
+
+    @property
+    def weight(self) -> float:
+        """The factor n / rho on the mean square error."""
+        return self.effective / self.prior.residual_variance
+
+    def cost(self, theta: Floats) -> float:
+        """Return phi(theta)."""
+        away = theta - self.prior.mean
+        return self.weight * self.moments.cost(theta) + 0.5 * float(away @ self.prior.information @ away)
+
+    def gradient(self, theta: Floats) -> Floats:
+        """Return d phi / d theta, (n,)."""
+        pull = self.prior.information @ (theta - self.prior.mean)
+        return np.asarray(self.weight * self.moments.gradient(theta) + pull)
+
+    def hessian(self, theta: Floats) -> Floats:
+        """Return the Hessian of phi, (n, n)."""
+        return np.asarray(self.weight * self.moments.hessian(theta) + self.prior.information)
+
+    def information(self, theta: Floats) -> Floats:
+        """Return the Gauss-Newton information n / rho E[x x'] + P0^-1, (n, n), positive definite."""
+        return np.asarray(self.weight * self.moments.gauss_newton(theta, ridge=False) + self.prior.information)
+
+    def covariance(self, theta: Floats) -> Floats:
+        """Return the inverse of `information`, (n, n), in squared normalised units."""
+        inverse = cho_solve(cho_factor(self.information(theta)), np.eye(theta.size))
+        return np.asarray(0.5 * (inverse + inverse.T))
+
+    def eliminate(self, taps: Floats) -> Floats:
+        """Return theta of least phi for fixed FIR taps A: the rest is linear."""
+        q, known, mean = self.moments.taps, self.prior.information, self.prior.mean
+        theta = np.zeros(mean.size)
+        theta[:q] = taps
+        half = self.moments.pull(theta, self.moments.gram)[q:]  # dt/dtheta of the rest depends on A only
+        normal = self.weight * self.moments.pull(theta, np.ascontiguousarray(half.T))[q:] + known[q:, q:]
+        target = self.weight * self.moments.pull(theta, self.moments.cross)[q:] + known[q:, q:] @ mean[q:]
+        theta[q:] = cho_solve(cho_factor(normal), target)
+        return theta
+
+    def minimum(self, taps: Floats) -> Floats:
+        """Return theta at the local minimum that Newton's method reaches from FIR taps `taps`, (q,)."""
+        q = self.moments.taps
+        if q == 1 and self.moments.weights == 0:
+            return self.eliminate(taps)
+        root = self.prior.root[:q, :q]  # steps in prior deviations
+        memory: dict[bytes, Floats] = {}
+
+        def theta_at(z: Floats) -> Floats:
+            key = z.tobytes()
+            if key not in memory:
+                memory.clear()
+                memory[key] = self.eliminate(taps + root @ z)
+            return memory[key]
+
+        def cost(z: Floats) -> float:
+            return self.cost(theta_at(z))
+
+        def gradient(z: Floats) -> Floats:
+            return np.asarray(root.T @ self.gradient(theta_at(z))[:q])
+
+        def hessian(z: Floats) -> Floats:
+            whole = self.hessian(theta_at(z))
+            reduced = whole[:q, :q] - whole[:q, q:] @ np.linalg.solve(whole[q:, q:], whole[q:, :q])
+            return np.asarray(root.T @ (0.5 * (reduced + reduced.T)) @ root)
+
+        answer = minimize(cost, np.zeros(q), jac=gradient, hess=hessian, method="trust-exact", options=NEWTON)
+        return theta_at(np.asarray(answer.x, np.float64))
+
+    def degrees_of_freedom(self, theta: Floats) -> float:
+        """Return tr(n / rho E[x x'] P): the number of parameters that the record, and not the prior, determines."""
+        from_data = self.weight * self.moments.gauss_newton(theta, ridge=False)
+        return float(np.sum(from_data * self.covariance(theta)))
+
+
+def settle(moments: Moments, prior: Prior, least_leverage: float, taps: Floats) -> tuple[Posterior, Floats]:
+    """Return the posterior with its effective number of samples, and its minimum from FIR taps `taps`.
+
+    Parameters
+    ----------
+    least_leverage : 1 - lambda, share of an error that a sample keeps removing; 0 counts every sample.
+    """
+    effective = float(moments.count)
+    posterior = Posterior(moments, prior, effective)
+    theta = posterior.minimum(taps)
+    for _ in range(ROUNDS if least_leverage > 0.0 else 0):
+        worth = min(float(moments.count), max(1.0, posterior.degrees_of_freedom(theta) / least_leverage))
+        if abs(worth - effective) <= 0.02 * effective:
+            break
+        effective = worth
+        posterior = Posterior(moments, prior, effective)
+        theta = posterior.minimum(theta[: moments.taps])
+    return posterior, theta

@@ -1,0 +1,130 @@
+"""The range grows with the speeds that come: functions are appended, curve and band stay what they were."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.model.prior import Prior
+from friction_estimator.core.model.structure import Extension, Model
+from friction_estimator.core.online import workspace as at
+from friction_estimator.core.online.workspace import Workspace
+from friction_estimator.core.sample import Floats, Ints
+from friction_estimator.core.settings.units import MARGIN
+
+EDGE_DEVIATION = 0.03
+"""Force units by which g may miss the edge's value, against prior deviations of the appended weights."""
+
+EDGE_POINTS = 8
+"""Points a basis unit at which the appended functions are to hold the edge's value."""
+
+
+def grown_model(model: Model, velocity_m_s: float, extension: Extension | None) -> Model | None:
+    """Return the model whose range holds `velocity_m_s` with its margin, or None where it would grow too large."""
+    low, high = model.basis.reach
+    low, high = min(low, MARGIN * velocity_m_s), max(high, MARGIN * velocity_m_s)
+    try:
+        return Model(model.config.updated({"learned.velocity_range": (low, high)}), extension)
+    except ConfigError:
+        return None
+
+
+def carried_over(work: Workspace, before: Model, after: Model, prior: Prior) -> Workspace:
+    """Return the work space of `after`, with what `before` had learned.
+
+    The curve over the former range is what it was, since all functions that reach into it were there. The appended
+    weights are those of least prior norm with which g keeps its edge value beyond; their covariance is the prior's.
+
+    Parameters
+    ----------
+    prior : of `after`.
+    """
+    taps, old = int(before.shape[0]), int(before.shape[1])
+    new = int(after.shape[1])
+    place = after.basis.places_of(before.basis)
+    # Where each parameter of `before` stands in `after`.
+    head, tail = np.arange(taps), np.arange(before.size - taps - old)
+    kept = np.concatenate([head, taps + place, taps + new + tail])
+    theta = np.zeros(after.size)
+    theta[kept] = work.theta
+    ring = np.zeros((taps, new))
+    ring[:, place] = work.ring
+    shift = before.basis.first_cell - after.basis.first_cell
+    errors = np.zeros((after.basis.cell_count, 3))
+    errors[shift : shift + before.basis.cell_count] = work.errors
+    root, information, prior_root, mean = work.root, work.information, work.prior_root, work.mean
+    if work.root.size:
+        fresh = np.setdiff1d(np.arange(after.size), kept)
+        root = np.zeros((after.size, after.size))
+        root[np.ix_(kept, kept)] = work.root
+        root[fresh, fresh] = prior.deviation[fresh] / np.sqrt(prior.residual_variance)
+        arrays = prior_arrays(prior)
+        information, prior_root, mean = arrays["information"], arrays["prior_root"], arrays["mean"]
+    theta[taps : taps + new] = _edge_held(theta[taps : taps + new], place, before, after, prior)
+    return replace(
+        work,
+        shape=after.shape.copy(),
+        theta=theta,
+        ring=ring,
+        root=root,
+        prior=np.square(prior.deviation) if work.prior.size else work.prior,
+        errors=errors,
+        mean=mean,
+        information=information,
+        prior_root=prior_root,
+    )
+
+
+def prior_arrays(prior: Prior) -> dict[str, Floats]:
+    """Return the constants of `Workspace` that rls takes from the prior, in units of the residual variance."""
+    return {
+        "mean": prior.mean.copy(),
+        "information": np.ascontiguousarray(prior.information * prior.residual_variance),
+        "prior_root": np.ascontiguousarray(prior.root / np.sqrt(prior.residual_variance)),
+    }
+
+
+def _edge_held(weights: Floats, place: Ints, before: Model, after: Model, prior: Prior) -> Floats:
+    """Return the weights of g with those appended set so that g is flat beyond the former range, (size,)."""
+    fresh = np.setdiff1d(np.arange(weights.size), place)
+    if not fresh.size:
+        return weights
+    (low, high), (lowest, highest) = before.basis.reach, after.basis.reach
+    points = max(2, round(EDGE_POINTS * (after.basis.cell_count - before.basis.cell_count)))
+    velocity = np.concatenate([np.linspace(lowest, low, points), np.linspace(high, highest, points)])
+    index, value = after.basis.rows(velocity)
+    dense = np.zeros((velocity.size, weights.size))
+    np.put_along_axis(dense, index.astype(np.int64), value, axis=1)
+    held, at_edge = before.basis.rows(velocity)  # rows are held at the edge outside
+    wanted = np.sum(weights[place][held] * at_edge, axis=1)
+    scale = prior.deviation[int(after.shape[0]) :][fresh]
+    columns = dense[:, fresh] * scale
+    gram = columns.T @ columns + EDGE_DEVIATION**2 * np.eye(fresh.size)
+    result = weights.copy()
+    result[fresh] = scale * np.linalg.solve(gram, columns.T @ (wanted - dense @ weights))
+    return result
+
+
+def cold_start(model: Model, prior: Prior, metric: Floats, covariance: bool, constants: Floats) -> Workspace:
+    """Return the work space before the first sample.
+
+    Parameters
+    ----------
+    metric : of nlms, or empty. covariance : whether the law keeps one. constants : of the law.
+    """
+    taps, weights, theory_taps, _ = (int(v) for v in model.shape)
+    nothing = {"mean": np.zeros(0), "information": np.zeros((0, 0)), "prior_root": np.zeros((0, 0))}
+    arrays = prior_arrays(prior) if covariance else nothing
+    return Workspace(
+        shape=model.shape.copy(),
+        theta=model.initial_theta(),
+        ring=np.zeros((taps, weights)),
+        ring_theory=np.zeros(max(1, theory_taps)),
+        root=arrays["prior_root"].copy(),
+        prior=metric,
+        law=constants,
+        moments=at.cold_moments(),
+        status=at.cold_status(may_grow=not model.config.basis.velocity_range),
+        errors=np.zeros((model.basis.cell_count, 3)),
+        **arrays,
+    )

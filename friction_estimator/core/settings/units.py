@@ -1,0 +1,248 @@
+"""First contact: units and range from the first samples, by one causal rule for replay and the live node.
+
+Where the configuration leaves `basis.velocity_range` or `force_unit` open, samples are kept until the drive has shown
+itself: two reversals of at least 30 % of the largest robust speed, with motion above the noise of rest, or 10 s of
+motion. Standing still does not count. The choice depends on the samples up to there only, so a recording and a live
+stream of the same samples choose alike; then all that waited are predicted in order. What was chosen is learned
+(`learned.velocity_range`, `learned.velocity_scale`, `learned.force_unit`): it wins over the rule until a reset.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from friction_estimator.core.sample import Floats, Samples, joined
+from friction_estimator.core.settings.config import Config
+
+LARGEST_QUEUE = 2**19
+"""Samples that wait at the most (some nine minutes at 1 kHz, 30 MB); then the oldest quarter is let go."""
+
+FIRST_LOOK, LOOK_GROWTH = 32, 1.02
+"""Samples before the rule is first asked, and growth of their number until it is asked again: the work stays
+proportional to the samples, and the end is found at most 2 % late."""
+
+REVERSALS, REVERSAL_LEVEL = 2, 0.3
+"""Reversals that end the contact, and the share of the largest robust speed that each has to reach on both sides."""
+
+MOTION_S = 10.0
+"""Time in motion that ends it without reversals (one direction only)."""
+
+NOISE_FACTOR = 6.0
+"""Speeds above this many standard deviations of the velocity's noise are motion."""
+
+LEAST_MOTION = 0.1
+"""Share of the largest robust speed above which the shaft counts as moving."""
+
+ALONE = 20
+"""Samples of largest speed of which the slowest is compared with the fastest: a wild value is no speed."""
+
+MARGIN = 1.05
+"""Ranges reach this much beyond the largest velocity."""
+
+LEAST_SIDE = 0.05
+"""Share of the velocity scale that a range covers at least on either side of standstill: noise at rest lies inside."""
+
+NO_VELOCITY, NO_FORCE = 0.15, 10.0
+"""Scales (m/s and N) where a recording ends without any motion, or without any friction."""
+
+
+@dataclass(frozen=True)
+class Contact:
+    """What the first samples say.
+
+    Attributes
+    ----------
+    config : with range and units known.
+    samples : number that the choice was made from.
+    dropped : number that had to be let go before.
+    ended : whether the drive showed itself; otherwise the recording ended first and its samples are all there was.
+    """
+
+    config: Config
+    samples: int
+    dropped: int
+    ended: bool
+
+
+class FirstContact:
+    """Samples that wait until range and units are known.
+
+    Parameters
+    ----------
+    config : of which `is_met` is not true yet.
+
+    Attributes
+    ----------
+    dropped : samples that were let go because too many waited.
+
+    Examples
+    --------
+    >>> contact = FirstContact(Config())
+    >>> v = 0.1 * np.sin(np.arange(4000) / 150)
+    >>> samples = Samples(np.arange(4000) * 1_000_000 + 1, v, 5.0 * np.sign(v), np.arange(4000) == 0)
+    >>> config = contact.push(samples)
+    >>> round(config.velocity_scale, 3), config.unit_N
+    (0.105, 5.0)
+    """
+
+    def __init__(self, config: Config) -> None:
+        self._config = config
+        self._waiting: list[Samples] = []
+        self._count = 0
+        self._look = FIRST_LOOK
+        self._chosen_from = 0
+        self.dropped = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def push(self, samples: Samples) -> Config | None:
+        """Take samples; return the configuration with range and units as soon as they are known, else None."""
+        self._waiting.append(samples)
+        self._count += len(samples)
+        while self._look <= self._count:
+            kept = self.queue()
+            if shown(kept[: self._look]):
+                self._chosen_from = self._look
+                first = kept[: self._look]
+                return chosen(self._config, first.velocity_m_s, first.friction_N)
+            self._look = max(self._look + FIRST_LOOK, math.ceil(LOOK_GROWTH * self._look))
+            if self._look > LARGEST_QUEUE:
+                self._let_go(kept)
+        return None
+
+    def finish(self) -> Config:
+        """Return the configuration from what there is: no sample will follow."""
+        kept = self.queue()
+        self._chosen_from = len(kept)
+        return chosen(self._config, kept.velocity_m_s, kept.friction_N)
+
+    def queue(self) -> Samples:
+        """Return the samples that wait, in order."""
+        if len(self._waiting) != 1:
+            self._waiting = [in_sequence(self._waiting)]
+        return self._waiting[0]
+
+    @property
+    def chosen_from(self) -> int:
+        """Number of samples that the choice was made from; 0 before."""
+        return self._chosen_from
+
+    def _let_go(self, kept: Samples) -> None:
+        old = LARGEST_QUEUE // 4
+        self._waiting = [kept[old:]]
+        self._count -= old
+        self.dropped += old
+        self._look -= old
+
+
+def meet(config: Config, samples: Samples) -> Contact:
+    """Return the first contact of a whole recording: what the live node would choose from the same samples.
+
+    Parameters
+    ----------
+    config : returned as it is where range and units are known.
+    samples : admitted samples, in order. Those that the result calls dropped are not to be predicted: a live node that
+        waits that long has let them go.
+    """
+    if config.is_met:
+        return Contact(config, 0, 0, True)
+    contact = FirstContact(config)
+    met = contact.push(samples)
+    return Contact(met or contact.finish(), contact.chosen_from, contact.dropped, met is not None)
+
+
+def shown(samples: Samples) -> bool:
+    """Return whether the drive has shown itself in these samples."""
+    velocity = samples.velocity_m_s
+    speed = np.abs(velocity)
+    noise = NOISE_FACTOR * rest_noise(samples)
+    top = robust_top(speed)
+    if not top > 0.0:
+        return False
+    level = REVERSAL_LEVEL * top
+    if level > noise:
+        side = np.sign(velocity[speed >= level])
+        if np.count_nonzero(np.diff(side)) >= REVERSALS:
+            return True
+    moving = np.count_nonzero(speed > max(noise, LEAST_MOTION * top))
+    rate = samples.sample_rate_hz
+    return bool(moving > MOTION_S * rate)
+
+
+def chosen(config: Config, velocity_m_s: Floats, friction_N: Floats) -> Config:
+    """Return the configuration with what is open filled in from these samples, (n,) each.
+
+    The first contact gives it its first samples; batch fits, which know them all, give all that they fit.
+    """
+    velocity, friction = velocity_m_s, friction_N
+    finite = np.isfinite(velocity) & np.isfinite(friction)
+    velocity, friction = velocity[finite], friction[finite]
+    speed = np.abs(velocity)
+    top = robust_top(speed)
+    values: dict[str, object] = {}
+    if config.reach is None:
+        scale = MARGIN * top if top > 0.0 else NO_VELOCITY
+        sides = [MARGIN * min(robust_top(np.maximum(sign * velocity, 0.0)), top) for sign in (-1.0, 1.0)]
+        low, high = (max(side, LEAST_SIDE * scale) for side in sides)
+        values |= {"learned.velocity_range": (-low, high), "learned.velocity_scale": scale}
+    if not config.unit_N > 0.0:
+        moving = speed > LEAST_MOTION * top
+        unit = usual_magnitude(friction[moving]) or usual_magnitude(friction)
+        values["learned.force_unit"] = unit or NO_FORCE
+    return config.updated(values)
+
+
+def rest_noise(samples: Samples) -> float:
+    """Return the standard deviation of the white noise of velocity, m/s, from its second differences.
+
+    Of a motion that is smooth over three samples, v[k] - 2 v[k-1] + v[k-2] holds only noise, of six times its power;
+    the median is that of rest even where the shaft moves for a part of the time.
+    """
+    velocity = samples.velocity_m_s
+    if velocity.size < 3:
+        return 0.0
+    second = velocity[2:] - 2.0 * velocity[1:-1] + velocity[:-2]
+    follows = ~(samples.restart[2:] | samples.restart[1:-1])
+    second = second[follows]
+    return float(np.median(np.abs(second))) / 0.6745 / math.sqrt(6.0) if second.size else 0.0
+
+
+def robust_top(speed: Floats) -> float:
+    """Return the largest speed, passing over values that stand more than twice above the others.
+
+    >>> robust_top(np.append(np.linspace(0.0, 1.0, 1000), 50.0)) < 1.0
+    True
+    """
+    if not speed.size:
+        return 0.0
+    alone = min(ALONE, max(1, speed.size // 50))
+    usual = float(np.partition(speed, speed.size - alone)[speed.size - alone])
+    top = float(speed.max())
+    return usual if top > 2.0 * usual > 0.0 else top
+
+
+def usual_magnitude(friction_N: Floats) -> float:
+    """Return the rms of friction while there is some, N; 0 where there is none.
+
+    Spikes (the largest 2 %) are cut off, and what is below a tenth of the rest is left out, so that neither a wild
+    sensor nor a long standstill decides.
+    """
+    magnitude = np.abs(friction_N[np.isfinite(friction_N)])
+    top = float(np.quantile(magnitude, 0.98)) if magnitude.size else 0.0
+    top = top if top > 0.0 else float(magnitude.max(initial=0.0))
+    if not top > 0.0:
+        return 0.0
+    moving = np.minimum(magnitude[magnitude >= 0.1 * top], top)
+    return top * float(np.sqrt(np.mean(np.square(moving / top))))
+
+
+def in_sequence(parts: list[Samples]) -> Samples:
+    """Return parts of one stream as one, restarts where they are."""
+    if not parts:
+        empty = np.zeros(0)
+        return Samples(np.zeros(0, np.int64), empty, empty, np.zeros(0, np.bool_))
+    whole = joined(parts)
+    whole.restart[:] = np.concatenate([part.restart for part in parts])
+    return whole
