@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import pywt
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from friction_estimator.core.errors import ConfigError
@@ -129,15 +129,75 @@ def test_registered_names_are_those_of_the_setting():
 
 @pytest.mark.parametrize("name", BASES)
 def test_every_basis_keeps_the_protocol(name):
-    config = Config.from_mapping({"basis.wavelet": name, "basis.velocity_range": [-1.0, 1.0]}).basis
+    config = Config.from_mapping({"basis.wavelet": name, "basis.velocity_range": [-1.0, 1.0]})
     basis = basis_from_config(config)
     v = np.linspace(-1.5, 1.5, 101)
     index, value = basis.rows(v)
     assert index.shape == value.shape == (101, basis.width)
-    assert basis.prior_scale().shape == (basis.size,)
+    for slope in (0.0, 1.5):
+        scale = basis.prior_scale(slope)
+        assert scale.shape == (basis.size,)
+        assert scale.min() > 0.0
+        assert scale.max() == 1.0
     one_index, one_value = basis.rows(v[50:51])
     np.testing.assert_array_equal(one_index[0], index[50])
     np.testing.assert_array_equal(one_value[0], value[50])
+    located = basis.located(v)
+    for ours, theirs in zip(located, (index, value, basis.cells(v)), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    cells = located[2]
+    assert cells[0] == cells.min() == 0
+    assert cells[-1] == cells.max() == basis.cell_count - 1
+    assert np.all(np.diff(cells) >= 0)
+    np.testing.assert_array_equal(basis.inside(v), np.abs(v) <= 1.0)
+
+
+LIMIT = 3.0
+within = st.floats(0.05, LIMIT)
+
+
+@pytest.mark.parametrize("companding", [0.0, 16.0])
+@settings(max_examples=30, deadline=None)
+@given(st.integers(1, 8), within, within, st.floats(1.0, 3.0), st.floats(1.0, 3.0))
+def test_a_larger_range_of_the_same_scale_holds_the_same_functions(companding, order, low, high, down, up):
+    """Unit and companding follow from the scale, so growing appends functions and moves none."""
+    settings_ = BasisConfig(wavelet=f"db{order}", companding=companding)
+    small = WaveletBasis(settings_, (-low, high), LIMIT)
+    large = WaveletBasis(settings_, (-low * down, high * up), LIMIT)
+    assert (small.unit, small.bend) == (large.unit, large.bend)
+    place = large.places_of(small)
+    assert np.unique(place).size == small.size
+    v = np.linspace(-low, high, 201)
+    dense = large.dense(v)
+    np.testing.assert_array_equal(dense[:, place], small.dense(v))
+    dense[:, place] = 0.0
+    assert not dense.any()  # what is appended does not reach into the former range
+    np.testing.assert_array_equal(large.cells(v) + large.first_cell, small.cells(v) + small.first_cell)
+
+
+@given(st.floats(1e-4, 1e3), st.sampled_from([0.0, 1.0, 16.0, 1000.0]))
+def test_the_middle_of_a_cell_lies_in_it(reach, companding):
+    basis = WaveletBasis(BasisConfig(companding=companding), (-0.3 * reach, reach))
+    middle = basis.cell_velocities()
+    assert middle.shape == (basis.cell_count,)
+    assert np.all(basis.inside(middle))
+    inner = slice(1, -1)  # the outermost cells may be cut off by the range
+    np.testing.assert_array_equal(basis.cells(middle[inner]), np.arange(basis.cell_count)[inner])
+
+
+def test_a_scale_that_is_given_sets_unit_and_companding_but_not_the_range():
+    basis = WaveletBasis(BasisConfig(), (-0.1, 0.3), 0.2)
+    usual = WaveletBasis(BasisConfig(), (-0.2, 0.2))
+    assert (basis.unit, basis.bend) == (usual.unit, usual.bend)
+    assert basis.reach == (-0.1, 0.3)
+
+
+def test_no_range_is_refused():
+    for reach in ((0.1, 0.1), (0.2, 0.1)):
+        with pytest.raises(ConfigError, match="no range"):
+            WaveletBasis(BasisConfig(), reach)
+    with pytest.raises(ConfigError, match="no first contact"):
+        basis_from_config(Config())
 
 
 def test_a_wrong_unit_is_refused_with_the_remedy():

@@ -9,7 +9,7 @@ from friction_estimator.core.fit.variable_projection import refine
 from friction_estimator.core.model.structure import Model
 from friction_estimator.core.model.theory_seal import SealCurve
 from friction_estimator.core.settings.config import Config, SealConfig
-from friction_estimator.core.settings.derive import with_recorded_units
+from friction_estimator.core.settings.units import chosen
 from friction_estimator.rig.drive import CONDITIONS, segment
 from friction_estimator.rig.plant import CLEAN_TAPS, PLANTS, CleanPlant, RigPlant
 from friction_estimator.rig.simulate import Scenario, clean_trace, simulate
@@ -26,11 +26,12 @@ def unexplained(plant, condition, noise=0.01, seconds=8.0):
     """Rms of what a least-squares fit of the parallel structure leaves beside the noise, over rms of friction."""
     run = simulate(Scenario((segment(*CONDITIONS[condition], seconds),), plant=plant, noise=noise))
     samples = run.paired()
-    config = with_recorded_units(Config(), samples.velocity_m_s, samples.friction_N)
+    config = chosen(Config(), samples.velocity_m_s, samples.friction_N)
     model = Model(config)
     start = np.eye(config.fir.order + 1)[0]
     fit = model.split(refine(gather(model, samples), start))
-    error = samples.friction_N - run.noise_N - predict(samples, config, fit)
+    settled = slice(config.fir.order, None)  # before, the delay lines are filled as if the shaft had stood there
+    error = (samples.friction_N - run.noise_N - predict(samples, config, fit))[settled]
     return np.sqrt(np.mean(np.square(error)) / np.mean(np.square(run.clean_N)))
 
 
