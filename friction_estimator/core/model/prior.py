@@ -10,7 +10,7 @@ standstill: a film that lags bends the curve there, and on a drive that rests ha
 the whole error.
 
 The misfit of a model repeats with the drive and is no white noise, so `residual_deviation` is several times what is
-left over: a thousand samples of one sine say little more than a hundred (docs/decisions/0006-one-prior.md).
+left over: a thousand samples of one sine say little more than a hundred (docs/decisions/0003-one-prior.md).
 """
 
 from dataclasses import dataclass

@@ -97,7 +97,7 @@ class NlmsConfig:
 class PriorConfig:
     """What is believed before any sample: the same for rls, for the batch fit and, as its metric, for nlms.
 
-    Deviations are relative to `force_unit`; docs/decisions/0006-one-prior.md has the study that chose them.
+    Deviations are relative to `force_unit`; docs/decisions/0003-one-prior.md has the study that chose them.
     """
 
     weight_deviation: float = setting(
