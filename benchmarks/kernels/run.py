@@ -17,7 +17,10 @@ from friction_estimator.core.online import kernels
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.derive import with_recorded_units
+from friction_estimator.core.settings.units import chosen
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+import provenance  # noqa: E402 - beside the folders of the benchmarks
 
 HERE = Path(__file__).parent
 SAMPLES = 20_000
@@ -36,7 +39,7 @@ def record(n: int) -> Samples:
 
 def estimator(samples: Samples, model: str, law: str) -> Estimator:
     config = Config.from_mapping({"model.type": model, "model.law": law})
-    return Estimator(with_recorded_units(config, samples.velocity_m_s, samples.friction_N))
+    return Estimator(chosen(config, samples.velocity_m_s, samples.friction_N))
 
 
 def plain_numpy_lms(est: Estimator, samples: Samples, keep_rows: bool) -> np.ndarray:
@@ -46,7 +49,7 @@ def plain_numpy_lms(est: Estimator, samples: Samples, keep_rows: bool) -> np.nda
     the rows of Psi instead, which is what one would do next.
     """
     basis, config = est.model.basis, est.config
-    mu, unit, taps = config.lms.step_size, config.force_unit, config.fir.order + 1
+    mu, unit, taps = config.lms.step_size, config.unit_N, config.fir.order + 1
     table = basis._table
     steps = table.shape[1] - 1
     curves = [np.append(table[kind, :-1].T.ravel(), 0.0) for kind in (0, 1)]
@@ -116,25 +119,30 @@ def main() -> None:
 
     size = compiled.model.basis.size
     lines = [
+        provenance.line("python benchmarks/kernels/run.py"),
         "| loop | us a sample | plain numpy over it | numpy with kept rows over it |",
         "| --- | --- | --- | --- |",
         row(f"plain numpy, Hammerstein lms, all {size} weights at every lag", plain),
         row(f"numpy with kept rows, Hammerstein lms, all {size} weights", kept),
     ]
     inputs = compiled.model.inputs(samples)
-    predicted = np.empty(SAMPLES)
+    predicted, deviation = np.empty(SAMPLES), np.empty(SAMPLES)
     loop = seconds_per_sample(
         lambda: kernels.run(
             kernels.LMS,
             inputs.index,
             inputs.value,
+            inputs.cell,
+            inputs.beyond,
+            samples.velocity_m_s,
             inputs.theory,
             inputs.extension,
             inputs.target,
             inputs.restart,
             inputs.inside,
             predicted,
-            *compiled._work.arrays(),
+            deviation,
+            *compiled.work.arrays(),
         ),
         SAMPLES,
     )

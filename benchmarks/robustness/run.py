@@ -21,7 +21,10 @@ from friction_estimator.core.online.adaptation import LAWS
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.derive import with_recorded_units
+from friction_estimator.core.settings.units import chosen
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+import provenance  # noqa: E402 - beside the folders of the benchmarks
 
 HERE = Path(__file__).parent
 BLOCK = 200_000
@@ -93,7 +96,7 @@ def run_one(seed: int, samples: int) -> tuple[str, dict[str, object], str, float
     stamp, v, f = machine.block(block)
     if values["model.type"] == "parallel":  # a theory of the machine's own scale
         values["seal.shaft_diameter"] = 0.025
-    config = with_recorded_units(Config.from_mapping(values), v, f)
+    config = chosen(Config.from_mapping(values), v, f)
     intake, estimator = Intake(config), Estimator(config)
     error_power = spread = 0.0
     last = samples - samples // 5
@@ -107,10 +110,10 @@ def run_one(seed: int, samples: int) -> tuple[str, dict[str, object], str, float
             return law, values, "not finite", float("nan"), float("nan")
         if machine.done > last:
             # Spikes are the sensor's, not the friction's.
-            error = np.abs(batch.friction_N - predicted) / config.force_unit
-            usual = np.abs(batch.friction_N) < 10 * config.force_unit
+            error = np.abs(batch.friction_N - predicted) / config.unit_N
+            usual = np.abs(batch.friction_N) < 10 * config.unit_N
             error_power += float(np.sum(error[usual] ** 2))
-            spread += float(np.sum((batch.friction_N[usual] / config.force_unit) ** 2))
+            spread += float(np.sum((batch.friction_N[usual] / config.unit_N) ** 2))
         if machine.done >= samples:
             break
         stamp, v, f = machine.block(min(block, samples - machine.done))
@@ -132,7 +135,9 @@ def main() -> int:
         results.append(run_one(seed, args.samples))
         if results[-1][2]:
             print(seed, *results[-1], flush=True)
+    command = f"python benchmarks/robustness/run.py --configurations {args.configurations} --samples {args.samples}"
     lines = [
+        provenance.line(command),
         f"{args.configurations} configurations, {args.samples} samples each\n",
         "| law | runs | faults | nrmse median | nrmse worst | norm of parameters, worst |",
         "| --- | --- | --- | --- | --- | --- |",

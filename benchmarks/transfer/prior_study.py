@@ -1,4 +1,4 @@
-"""How the defaults of `prior.*` were chosen (and that of the companding): one strength varied at a time, judged frozen on other drives.
+"""How the defaults of `prior.*` were chosen: one strength varied at a time, judged frozen on other drives.
 
     python benchmarks/transfer/prior_study.py           writes prior_study.md beside this file (some six minutes)
 
@@ -103,11 +103,10 @@ def main() -> int:
 
 Commit {commit.stdout.strip()}, `python benchmarks/transfer/prior_study.py`.
 
-Learned on a sine of 1 s at 50 psi ({TRAIN_S:g} s, seed {TRAIN_SEED}), frozen on triangle, speed steps, a sine of 2.9 s,
-multisine, crank and dwell (seed {TEST_SEED}), both plants: median / largest error over that of the best static curve fitted
-to the same samples. EMPS: learned on the first quarter, judged on the second. One strength is varied, the others are the
-defaults. These are the drives that chose the defaults;
-[README.md](README.md) has the drives that judge them.
+Learned on a sine of 1 s at 50 psi ({TRAIN_S:g} s, seed {TRAIN_SEED}), frozen on triangle, speed steps, a sine of
+2.9 s, multisine, crank and dwell (seed {TEST_SEED}), both plants: median / largest error over that of the best static
+curve fitted to the same samples. EMPS: learned on the first quarter, judged on the second. One strength is varied, the
+others are the defaults. These are the drives that chose the defaults; [README.md](README.md) has those that judge them.
 
 | strength | value | Parallel, 1000 Hz | Parallel, 200 Hz | Hammerstein, 1000 Hz | EMPS |
 | --- | --- | --- | --- | --- | --- |
