@@ -15,7 +15,7 @@ from friction_estimator.cli.main import main
 from friction_estimator.core.online.replay import replay
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.derive import usual_magnitude, with_live_units, with_recorded_units
+from friction_estimator.core.settings.units import usual_magnitude
 from friction_estimator.files import read_config
 
 ROOT = Path(__file__).parents[1]
@@ -71,7 +71,7 @@ def test_every_law_and_model_runs_and_learns(capsys, law, model):
 def test_frozen_part_is_predicted_without_learning(capsys, demo):
     result = replayed(capsys, DEMO, "--freeze-after", 0.5)
     assert result["nrmse_frozen"] < 0.06
-    config = with_recorded_units(Config(), demo.velocity_m_s, demo.friction_N)
+    config = Config()
     frozen = replay(demo, config, freeze_after=0.5)
     # Nothing after the freeze may depend on the measurements there.
     half = round(0.5 * len(demo))
@@ -239,7 +239,7 @@ def test_a_clock_that_jumps_back_leaves_the_duration_positive(demo):
 
 def test_an_end_at_rest_is_no_divergence(demo):
     samples = with_rest(demo)
-    figures = replay(samples, with_recorded_units(Config(), samples.velocity_m_s, samples.friction_N)).figures()
+    figures = replay(samples, Config()).figures()
     assert figures["nrmse_final"] > 2.0
     assert not figures["diverged"]
 
@@ -286,14 +286,48 @@ def test_the_configuration_written_for_a_joint_suits_the_node(tmp_path, demo):
     assert run(tmp_path / "bag", "--config", tmp_path / "out" / "config.yaml") == 0
 
 
-def test_learned_values_keep_their_units(demo):
-    """A dump of a running node leaves the units open: the values are in those of the live node, not of the record."""
-    dump = Config.from_mapping({"learned.fir_taps": [1.0] + [0.0] * 8})
-    assert with_recorded_units(dump, demo.velocity_m_s, demo.friction_N) == with_live_units(dump)
+def test_learned_values_keep_their_units(tmp_path, capsys):
+    """What the first contact chose is learned: the next run takes it over, whatever it sees first."""
+    first = replayed(capsys, DEMO, "--out", tmp_path / "out")["parameters"]
+    learned = read_config(tmp_path / "out" / "config.yaml").learned
+    assert learned.force_unit == first["force_unit_N"]
+    assert list(learned.velocity_range) == first["basis"]["velocity_range_m_s"]
+    again = replayed(capsys, DEMO, "--config", tmp_path / "out" / "config.yaml", "--freeze-after", 0)["parameters"]
+    assert again == first
+
+
+def test_units_given_are_kept_and_those_chosen_are_said(tmp_path, capsys):
+    assert run(DEMO) == 0
+    said = [line.split()[1] for line in capsys.readouterr().out.splitlines() if line.startswith("chosen")]
+    assert said == ["learned.velocity_range", "learned.force_unit"]
+    given = tmp_path / "given.yaml"
+    given.write_text("/**:\n  ros__parameters:\n    force_unit: 7.0\n    basis: {velocity_range: [-0.2, 0.2]}\n")
+    assert run(DEMO, "--config", given) == 0
+    assert "chosen" not in capsys.readouterr().out
+    parameters = replayed(capsys, DEMO, "--config", given)["parameters"]
+    assert (parameters["force_unit_N"], parameters["basis"]["velocity_range_m_s"]) == (7.0, [-0.2, 0.2])
+
+
+@pytest.mark.parametrize("law", ["lms", "rls"])
+def test_the_curve_is_that_of_the_contract(capsys, law):
+    result = replayed(capsys, DEMO, "--law", law)
+    curve = result["curve"]
+    assert set(curve) == {
+        "velocity_m_s", "friction_N", "low_N", "high_N", "pressure_Pa", "temperature_degC", "learned_share",
+    }  # fmt: skip
+    low, high = result["parameters"]["basis"]["velocity_range_m_s"]
+    np.testing.assert_allclose(curve["velocity_m_s"], np.linspace(low, high, 401), atol=1e-12)
+    band = np.array([curve["low_N"], curve["friction_N"], curve["high_N"]])
+    assert (np.diff(band, axis=0) >= 0.0).all()
+    if law == "lms":
+        assert curve["learned_share"] is None
+    else:
+        assert len(curve["learned_share"]) == 401
+        assert 0.0 <= min(curve["learned_share"]) <= max(curve["learned_share"]) <= 1.0
 
 
 def test_json_tells_the_unit_of_the_basis(capsys):
     basis = replayed(capsys, DEMO)["parameters"]["basis"]
-    high = basis["velocity_range_m_s"][1]
-    bend = high / basis["companding"]
-    assert basis["velocity_unit_m_s"] == pytest.approx(2 * bend * np.arcsinh(high / bend) / 16)
+    assert basis["velocity_unit_m_s"] > 0.0
+    low, high = basis["velocity_range_m_s"]
+    assert basis["velocity_unit_m_s"] < high - low

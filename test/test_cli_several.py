@@ -14,7 +14,6 @@ from friction_estimator.core.metrics import spread
 from friction_estimator.core.online.replay import replay
 from friction_estimator.core.sample import joined
 from friction_estimator.core.settings.config import Config
-from friction_estimator.files import read_config, write_config
 
 RIVALS = {"coulomb_viscous", "stribeck", "stribeck_asymmetric", "persistence", "theory"}
 DRIVES = {"sine": "1:50:6", "triangle": "1:50:4:triangle", "slow": "2:50:6"}
@@ -102,7 +101,10 @@ def read_units(samples):
 
 def test_three_ways_to_the_same_judgement(bags, tmp_path, capsys):
     """--test, --freeze-after at the end of the first recording, and a learned configuration that does not learn."""
-    learned = result_of(capsys, "replay", bags / "sine", "--test", bags / "triangle", "--out", tmp_path / "out")
+    given = tmp_path / "given.yaml"
+    given.write_text("/**:\n  ros__parameters:\n    force_unit: 3.0\n    basis: {velocity_range: [-0.14, 0.14]}\n")
+    words = ["--test", bags / "triangle", "--out", tmp_path / "out", "--config", given]
+    learned = result_of(capsys, "replay", bags / "sine", *words)
     (test,) = learned["test"]
     count = len(samples_of(bags / "triangle"))
     assert (test["bag"], test["samples"]) == (str(bags / "triangle"), count)
@@ -115,17 +117,10 @@ def test_three_ways_to_the_same_judgement(bags, tmp_path, capsys):
     total = count + learned["samples"]["used"]
     frozen = result_of(
         capsys, "replay", bags / "sine", bags / "triangle", "--freeze-after", learned["samples"]["used"] / total,
-        "--config", units_of(settings, tmp_path),
+        "--config", given,
     )  # fmt: skip
     assert frozen["nrmse_frozen"] == pytest.approx(test["nrmse"], rel=1e-9)
     assert frozen["baselines"] == pytest.approx(test["baselines"], rel=1e-9)
-
-
-def units_of(settings, folder):
-    """Return a configuration with the units of another, and nothing learned."""
-    config = read_config(settings)
-    write_config(folder / "units.yaml", replace(config, learned=Config().learned))
-    return folder / "units.yaml"
 
 
 @pytest.mark.parametrize("verb", ["replay", "identify"])

@@ -12,9 +12,8 @@ from friction_estimator.bag.samples import to_samples
 from friction_estimator.cli.main import main
 from friction_estimator.cli.simulate import write_recording
 from friction_estimator.core.metrics import nrmse
-from friction_estimator.core.online.replay import replay, with_learned
+from friction_estimator.core.online.replay import replay
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.derive import with_recorded_units
 from friction_estimator.effects import EFFECTS, parse_effect
 from friction_estimator.files import write_config
 from friction_estimator.rig.drive import parse_schedule, segment
@@ -153,9 +152,7 @@ def learned(tmp_path_factory):
     """A configuration that learned from the example recording."""
     folder = tmp_path_factory.mktemp("learned")
     samples = read(BAGS / "demo")
-    config = with_recorded_units(Config(), samples.velocity_m_s, samples.friction_N)
-    result = replay(samples, config)
-    write_config(folder / "config.yaml", with_learned(config, result.parameters))
+    write_config(folder / "config.yaml", replay(samples, Config()).estimator.learned_config)
     return folder / "config.yaml"
 
 
@@ -176,7 +173,7 @@ def test_a_learned_model_knows_its_limits(tmp_path, learned, capsys):
     assert run(*out, "--effect", "wear") == 2
     assert "wear acts on the oil film" in capsys.readouterr().err
     assert run(*out, "--schedule", "0.5:50:2", "--effect", "inertia:mass=1") == 0
-    assert "samples lie outside basis.velocity_range" in capsys.readouterr().err
+    assert "samples lie outside the learned velocities" in capsys.readouterr().err
 
 
 def test_a_configuration_without_learned_values_sets_the_theory(tmp_path, capsys):

@@ -1,28 +1,16 @@
 """Figures of a replay: the learned curve with its band, and what no data support drawn differently."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgba
 
+from friction_estimator.core.fit.band import Curve
 from friction_estimator.core.online.replay import Replay, replay
 from friction_estimator.core.sample import Floats, Samples, joined
 from friction_estimator.core.settings.config import Config
 from friction_estimator.report import figures, style
-
-
-@dataclass(frozen=True)
-class Band:
-    """A curve as an estimator gives it."""
-
-    velocity_m_s: Floats
-    friction_N: Floats
-    low_N: Floats
-    high_N: Floats
-    learned_share: Floats | None
-    pressure_Pa: float = 3.4e5
-    temperature_degC: float = 54.0
 
 
 def record(n=1500, top=0.1):
@@ -38,10 +26,15 @@ def replayed() -> Replay:
     return replay(joined([record(), record(1000, 0.05)]), config, starts=(0, 1500))
 
 
-def band(share: Floats | None) -> Band:
-    v = np.linspace(-0.2, 0.2, 401)
+def band(share: Floats | None, top: float = 0.2) -> Curve:
+    v = np.linspace(-top, top, 401)
     f = 3.0 * np.tanh(v / 0.01)
-    return Band(v, f, f - 0.5, f + 0.5, share)
+    return Curve(v, f, f - 0.5, f + 0.5, share, pressure_Pa=3.4e5, temperature_degC=54.0)
+
+
+def drawn_with(replayed: Replay, share: Floats | None = None) -> Replay:
+    """Return the replay with a curve learned up to 0.1 m/s and known up to 0.2 m/s."""
+    return replace(replayed, curve=band(None, 0.1), outlook=band(share))
 
 
 def lines(figure):
@@ -51,7 +44,7 @@ def lines(figure):
 def test_what_no_data_support_is_dashed_and_grey(replayed):
     v = band(None).velocity_m_s
     share = np.where(np.abs(v) < 0.02, 0.2, 0.9)  # the middle was passed too fast, say
-    drawn = lines(figures.friction_map(replace(replayed, curve=band(share))))
+    drawn = lines(figures.friction_map(drawn_with(replayed, share)))
     known, unknown = drawn["learned"], drawn["learned, no data"]
     assert (known.get_linestyle(), unknown.get_linestyle()) == ("-", "--")
     assert to_rgba(unknown.get_color()) == to_rgba(style.UNSUPPORTED)
@@ -64,7 +57,7 @@ def test_what_no_data_support_is_dashed_and_grey(replayed):
 
 
 def test_without_a_share_the_learned_velocities_decide(replayed):
-    drawn = lines(figures.friction_map(replace(replayed, curve=band(None))))
+    drawn = lines(figures.friction_map(drawn_with(replayed)))
     v = drawn["learned"].get_xdata()
     shown = np.abs(v[np.isfinite(drawn["learned"].get_ydata())])
     assert shown.max() == pytest.approx(0.1, abs=3 * (v[1] - v[0]))
@@ -72,7 +65,7 @@ def test_without_a_share_the_learned_velocities_decide(replayed):
 
 
 def test_the_map_names_units_and_what_it_shows(replayed):
-    figure = figures.friction_map(replace(replayed, curve=band(None)))
+    figure = figures.friction_map(drawn_with(replayed))
     axes = figure.axes[0]
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("velocity (m/s)", "friction (N)")
     shown = [text.get_text() for text in axes.get_legend().get_texts()]
@@ -83,7 +76,7 @@ def test_the_map_names_units_and_what_it_shows(replayed):
 
 
 def test_every_figure_is_drawn_for_several_recordings(replayed, tmp_path):
-    for one in (replayed, replace(replayed, curve=None), replace(replayed, curve=band(None))):
+    for one in (replayed, drawn_with(replayed)):
         drawn = figures.write_figures(one, tmp_path)
         assert [path.name for path, _ in drawn] == ["signals.png", "convergence.png", "friction_map.png", "taps.png"]
         assert all(path.stat().st_size > 10_000 for path, _ in drawn)

@@ -8,15 +8,17 @@ from typing import Any
 import numpy as np
 
 from friction_estimator.cli import common, side_by_side
-from friction_estimator.cli.recorded import Session, add_run_options, load
+from friction_estimator.cli.recorded import Session, add_run_options, load, tell_units
 from friction_estimator.cli.replay import judged, summarise
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.fit.batch import BatchFit, fit_batch
 from friction_estimator.core.metrics import nrmse
 from friction_estimator.core.online.adaptation import LAWS
 from friction_estimator.core.online.estimator import Estimator
-from friction_estimator.core.online.replay import Replay, check_answerable, curve_of, replay
+from friction_estimator.core.online.replay import Replay, check_answerable, curves_of, replay
 from friction_estimator.core.sample import Bools
+from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.units import chosen
 from friction_estimator.effects.extension import extension_from_config
 
 SCHEMA = "friction_estimator/identify/2"
@@ -43,15 +45,18 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     output = common.Output(args.json)
     session = load(args, output, {"model.type": args.model})
-    samples, config = session.samples, session.config
+    samples = session.samples
     check_answerable(samples)
     learned = _learned(len(samples), args.freeze_after)
+    # Range and units are those of the samples that are fitted: all are known before.
+    config = chosen(session.config, samples.velocity_m_s[learned], samples.friction_N[learned])
+    tell_units(output, session.config, config)
     begin = time.perf_counter()
     with common.progress("fitting", len(samples)) as advance:
         fit = fit_batch(samples, config, extension_from_config(config), use=learned)
         advance(len(samples))
     seconds = time.perf_counter() - begin
-    result = judged(session, _as_replay(session, fit, learned, seconds))
+    result = judged(session, _as_replay(session, config, fit, learned, seconds))
     summary = summarise(session, result, SCHEMA) | {"law": "batch", **_identifiability(fit)}
     if not args.fit_only:
         summary["online"] = _online(session, fit, [args.law] if args.law else list(LAWS), args.freeze_after)
@@ -76,16 +81,17 @@ def _learned(n: int, freeze_after: float | None) -> Bools:
     return np.arange(n) < (n if freeze_after is None else max(1, round(freeze_after * n)))
 
 
-def _as_replay(session: Session, fit: BatchFit, learned: Bools, seconds: float) -> Replay:
+def _as_replay(session: Session, config: Config, fit: BatchFit, learned: Bools, seconds: float) -> Replay:
     """Return the fit as a replay whose parameters never change: both are then scored and written alike."""
-    estimator = Estimator(session.config, extension_from_config(session.config))
+    estimator = Estimator(config, extension_from_config(config))
     estimator.parameters = fit.parameters
-    parallel = session.config.model.type == "parallel"
+    parallel = config.model.type == "parallel"
     samples = session.samples
     begins, ends = session.starts, (*session.starts[1:], len(samples))
     shown = [index for begin, end in zip(begins, ends, strict=True) for index in (begin, end - 1)]
+    curve, outlook = curves_of(fit, samples, learned)
     return Replay(
-        config=session.config,
+        config=config,
         samples=samples,
         predicted_N=fit.predicted_N,
         theory_N=estimator.model.theoretical_friction(samples) if parallel else None,
@@ -96,7 +102,8 @@ def _as_replay(session: Session, fit: BatchFit, learned: Bools, seconds: float) 
         seconds=seconds,
         estimator=estimator,
         starts=session.starts,
-        curve=curve_of(fit, samples, learned),
+        curve=curve,
+        outlook=outlook,
     )
 
 
@@ -124,15 +131,17 @@ def _online(
 ) -> dict[str, dict[str, float]]:
     """Return for each law its a priori error, and that error over the batch fit's on the same samples."""
     samples = session.samples
-    last = slice(len(samples) - max(2, len(samples) // 5), None)
     rows = {}
     with common.progress("online laws", len(laws) * len(samples)) as advance:
         for law in laws:
             config = session.config.updated({"model.law": law})
             extension = extension_from_config(config)
             online = replay(samples, config, extension=extension, freeze_after=freeze_after, advance=advance)
+            measured = online.samples.friction_N  # those that waited too long for the first contact are not among them
+            fitted = fit.predicted_N[len(samples) - len(measured) :]
+            last = slice(len(measured) - max(2, len(measured) // 5), None)
             whole, end = (
-                [nrmse(samples.friction_N[part], guess[part]) for guess in (online.predicted_N, fit.predicted_N)]
+                [nrmse(measured[part], guess[part]) for guess in (online.predicted_N, fitted)]
                 for part in (slice(None), last)
             )
             rows[law] = {

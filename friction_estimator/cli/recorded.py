@@ -13,7 +13,6 @@ from friction_estimator.bag.samples import Admitted, to_samples
 from friction_estimator.cli import common
 from friction_estimator.core.sample import Samples, joined
 from friction_estimator.core.settings.config import PARAMETERS, Config
-from friction_estimator.core.settings.derive import with_recorded_units
 
 
 class Described(Protocol):
@@ -29,7 +28,7 @@ class Described(Protocol):
 
 @dataclass(frozen=True)
 class Loaded:
-    """A recording, its admitted samples and the configuration with units filled in."""
+    """A recording, its admitted samples and the configuration."""
 
     recording: Recording
     admitted: Admitted
@@ -58,7 +57,7 @@ class Session:
     ----------
     learned : the recordings to learn, at least one.
     others : the recordings of `--test`.
-    config : units filled in from the samples of `learned`.
+    config : as given; range and units may be open.
     """
 
     learned: tuple[Loaded, ...]
@@ -124,10 +123,9 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
 
 
 def load(args: argparse.Namespace, output: common.Output, overrides: Mapping[str, object] | None = None) -> Session:
-    """Read `args.bags` and `args.test`, pair and admit their messages, derive units; say what was done and refused.
+    """Read `args.bags` and `args.test`, pair and admit their messages; say what was done and refused.
 
-    Everything is read before anything is computed, so that a wrong name is known at once. Units come from the
-    recordings to learn; those to judge by have no say.
+    Everything is read before anything is computed, so that a wrong name is known at once.
 
     Raises InputError and UnanswerableError as reading does; both name the recording.
     """
@@ -136,14 +134,16 @@ def load(args: argparse.Namespace, output: common.Output, overrides: Mapping[str
     learned = [_read(bag, args, config, output, "learned" if several else "") for bag in args.bags]
     others = [_read(bag, args, config, output, "test") for bag in args.test]
     config = config.updated(_live_input(learned[0][0]))
-    samples = joined([admitted.samples for _, admitted in learned])
-    units = with_recorded_units(config, samples.velocity_m_s, samples.friction_N)
-    for name in ("basis.velocity_range", "force_unit"):
-        value, given = PARAMETERS[name].of(units), PARAMETERS[name].of(config)
-        if value != given:
+    return Session(_with(learned, config), _with(others, config), config)
+
+
+def tell_units(output: common.Output, given: Config, used: Config) -> None:
+    """Say which range and units were chosen where they were open: `given` as configured, `used` at the end."""
+    for name in ("learned.velocity_range", "learned.force_unit"):
+        value = PARAMETERS[name].of(used)
+        if value != PARAMETERS[name].of(given):
             shown = f"[{value[0]:.5g}, {value[1]:.5g}]" if isinstance(value, tuple) else f"{value:.5g}"
-            output.say(f"{'derived':<12}{name} = {shown} {PARAMETERS[name].unit}")
-    return Session(_with(learned, units), _with(others, units), units)
+            output.say(f"{'chosen':<12}{name} = {shown} {PARAMETERS[name].unit}")
 
 
 def _with(read: Sequence[tuple[Recording, Admitted]], config: Config) -> tuple[Loaded, ...]:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from friction_estimator.cli import common, side_by_side
-from friction_estimator.cli.recorded import Described, Session, add_run_options, load
+from friction_estimator.cli.recorded import Described, Session, add_run_options, load, tell_units
 from friction_estimator.core.online.replay import Replay, replay
 from friction_estimator.effects.extension import extension_from_config
 
@@ -43,6 +43,7 @@ def run(args: argparse.Namespace) -> int:
             starts=session.starts,
             advance=advance,
         )
+    tell_units(output, session.config, result.estimator.config)
     result = judged(session, result)
     summary = summarise(session, result, SCHEMA)
     _tell(output, summary)
@@ -100,4 +101,6 @@ def _tell(output: common.Output, summary: dict[str, Any]) -> None:
         common.warn("the estimator diverged: lower the step size, or use --law rls")
     health = summary["health"]
     if health.outside:
-        common.warn(f"{health.outside} samples lie outside basis.velocity_range: they were predicted, not learned from")
+        common.warn(
+            f"{health.outside} samples lie outside the velocities learned: they were predicted, not learned from"
+        )

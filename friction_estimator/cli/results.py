@@ -12,7 +12,7 @@ from friction_estimator.bag.write import add_results, writing
 from friction_estimator.cli import side_by_side
 from friction_estimator.cli.common import to_json
 from friction_estimator.core.errors import InputError
-from friction_estimator.core.online.replay import Replay, with_learned
+from friction_estimator.core.online.replay import Replay
 from friction_estimator.core.sample import Floats, Ints
 from friction_estimator.files import atomic_path, write_config, write_text
 from friction_estimator.report.figures import write_figures
@@ -40,7 +40,7 @@ def write_results(
     write_bags(folder / "bag", taken, result)
     write_config(
         folder / "config.yaml",
-        with_learned(result.estimator.config, result.parameters),
+        result.estimator.learned_config,
         header=f"Written by friction_estimator from {paths}: derived units and learned values.\n"
         "Start warm with it: estimator_node --ros-args --params-file config.yaml",
     )
@@ -123,14 +123,19 @@ def _places(stamp_ns: Ints, wanted_ns: Ints) -> Ints:
 
 
 def _snapshots(result: Replay, part: slice, log_time_ns: Ints) -> dict[str, tuple[Ints, Floats]]:
-    """Return times of recording and values of the parameters learned by samples of `part`."""
+    """Return times of recording and values of the parameters learned by samples of `part`.
+
+    Where the velocity range grew, weights are those since it grew last: a topic's arrays have one size.
+    """
     first, end, _ = part.indices(len(result.samples))
     kept = [k for k, index in enumerate(result.snapshot_index) if first <= index < end]
-    times = log_time_ns[[result.snapshot_index[k] - first for k in kept]]
-    return {
-        name: (times, np.array([getattr(result.snapshots[k], name) for k in kept]))
-        for name in ("fir_taps", "theory_taps", "wavelet_weights")
-    }
+    out = {}
+    for name in ("fir_taps", "theory_taps", "wavelet_weights") if kept else ():
+        values = {k: getattr(result.snapshots[k], name) for k in kept}
+        alike = [k for k in kept if values[k].size == values[kept[-1]].size]
+        times = log_time_ns[[result.snapshot_index[k] - first for k in alike]]
+        out[name] = (times, np.array([values[k] for k in alike]))
+    return out
 
 
 def _figures_of_merit(summary: Mapping[str, Any]) -> Section:

@@ -2,9 +2,7 @@
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -15,6 +13,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from friction_estimator.core import metrics
+from friction_estimator.core.fit.band import Curve
 from friction_estimator.core.online.replay import Replay
 from friction_estimator.core.sample import Bools, Floats, Samples
 from friction_estimator.report import style
@@ -136,7 +135,7 @@ def _cycles_before(replay: Replay) -> list[int]:
 def friction_map(replay: Replay) -> Figure:
     """Friction against velocity: the learned curve with its band over the measured samples, beside its rivals."""
     samples = replay.samples
-    curve = replay.curve if replay.curve is not None else _without_band(replay)
+    curve = replay.outlook
     v = curve.velocity_m_s
     figure = Figure(figsize=(10, 5.0))
     axes = figure.subplots()
@@ -146,16 +145,18 @@ def friction_map(replay: Replay) -> Figure:
     axes.set_xlim(low - margin, high + margin)
     axes.set_ylim(-reach, reach)
     handles: list[Artist] = [_density(axes, samples, (low - margin, high + margin), reach)]
-    supported = _supported(curve, samples.velocity_m_s[replay.learned])
-    if curve.low_N is not None:
-        low_N, high_N = np.asarray(curve.low_N), np.asarray(curve.high_N)
-        for where, colour, alpha in ((supported, style.LEARNED, 0.22), (~supported, style.UNSUPPORTED, 0.25)):
-            drawn = axes.fill_between(
-                v, low_N, high_N, where=_reaching(where), color=colour, alpha=alpha, lw=0.0, zorder=2
+    supported = _supported(curve, replay.curve)
+    for where, colour, alpha, label in (
+        (supported, style.LEARNED, 0.22, "95 % band"),
+        (~supported, style.UNSUPPORTED, 0.25, "95 % band, no data"),
+    ):
+        if where.any():
+            shown = _reaching(where)
+            handles.append(
+                axes.fill_between(
+                    v, curve.low_N, curve.high_N, where=shown, color=colour, alpha=alpha, lw=0.0, zorder=2, label=label
+                )
             )
-            if where.any():
-                drawn.set_label("95 % band" if colour == style.LEARNED else "95 % band, no data")
-                handles.append(drawn)
     theory = _theory(replay, v, curve)
     if theory is not None:
         handles += axes.plot(v, theory, ":", color=style.THEORY, lw=1.4, label="theoretical curve", zorder=3)
@@ -193,48 +194,14 @@ def _density(axes: Axes, samples: Samples, span: tuple[float, float], reach: flo
     return Patch(color=style.DENSITY(0.5), label="measured")
 
 
-def _supported(curve: Any, velocity_m_s: Floats) -> Bools:
-    """Return where data support the curve: within the velocities learned, and half of the prior's variance gone."""
-    v = curve.velocity_m_s
-    known: Bools = np.ones(v.size, np.bool_) if curve.learned_share is None else curve.learned_share >= LEARNED
-    if velocity_m_s.size:
-        spacing = (v[-1] - v[0]) / max(1, v.size - 1)
-        known = known & (v >= velocity_m_s.min() - spacing) & (v <= velocity_m_s.max() + spacing)
-    return known
+def _supported(outlook: Curve, curve: Curve) -> Bools:
+    """Return where data support a curve: within the velocities of the learned one, half of the prior's variance gone.
 
-
-@dataclass(frozen=True)
-class _Bare:
-    """A static curve of an estimator that gives no band."""
-
-    velocity_m_s: Floats
-    friction_N: Floats
-    pressure_Pa: float
-    temperature_degC: float
-    low_N: Floats | None = None
-    high_N: Floats | None = None
-    learned_share: Floats | None = None
-
-
-def _without_band(replay: Replay) -> _Bare:
-    """Return the learned curve without a band, over the velocities of the record, at its median conditions."""
-    samples, settings = replay.samples, replay.config.theory
-    v = np.linspace(samples.velocity_m_s.min(), samples.velocity_m_s.max(), 401)
-    bare = _Bare(
-        velocity_m_s=v,
-        friction_N=replay.estimator.model.static_map(replay.parameters.theta, v),
-        pressure_Pa=_median(samples.pressure_Pa, settings.default_pressure + settings.ambient_pressure)
-        - settings.ambient_pressure,
-        temperature_degC=_median(samples.temperature_degC, settings.default_temperature),
-    )
-    theory = _theory(replay, v, bare)
-    if theory is None:
-        return bare
-    return replace(bare, friction_N=bare.friction_N + replay.parameters.theory_taps.sum() * theory)
-
-
-def _median(channel: Floats | None, default: float) -> float:
-    return float(np.nanmedian(channel)) if channel is not None and np.isfinite(channel).any() else default
+    `outlook` is the learned curve over more velocities than those of `curve`.
+    """
+    v, learned = outlook.velocity_m_s, curve.velocity_m_s
+    known: Bools = np.ones(v.size, np.bool_) if outlook.learned_share is None else outlook.learned_share >= LEARNED
+    return np.asarray(known & (v >= learned[0]) & (v <= learned[-1]), np.bool_)
 
 
 def _reaching(where: Bools) -> Bools:
@@ -245,24 +212,14 @@ def _reaching(where: Bools) -> Bools:
     return out
 
 
-def _theory(replay: Replay, velocity_m_s: Floats, curve: Any) -> Floats | None:
+def _theory(replay: Replay, velocity_m_s: Floats, curve: Curve) -> Floats | None:
     """Return the theoretical curve at the conditions of the learned one; None for a model without."""
     if not replay.parameters.theory_taps.size:
         return None
-    n = velocity_m_s.size
-    ambient = replay.config.theory.ambient_pressure
-    probe = Samples(
-        np.arange(n),
-        velocity_m_s,
-        np.zeros(n),
-        np.ones(n, np.bool_),
-        np.full(n, curve.pressure_Pa + ambient),
-        np.full(n, curve.temperature_degC),
-    )
-    return replay.estimator.model.theoretical_friction(probe)
+    return replay.estimator.model.theory_at(velocity_m_s, curve.pressure_Pa, curve.temperature_degC)
 
 
-def _conditions(replay: Replay, curve: Any) -> str:
+def _conditions(replay: Replay, curve: Curve) -> str:
     """Return the title: the conditions, where they were recorded."""
     recorded = []
     if replay.samples.pressure_Pa is not None and np.isfinite(replay.samples.pressure_Pa).any():

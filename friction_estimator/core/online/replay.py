@@ -1,7 +1,7 @@
 """The estimator over recordings, what it says of others without learning, and the figures that `replay` reports."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -11,13 +11,18 @@ import numpy as np
 
 from friction_estimator.core import metrics
 from friction_estimator.core.errors import ConfigError, UnanswerableError
+from friction_estimator.core.fit.band import POINTS, Curve
 from friction_estimator.core.fit.baselines import StaticCurve
-from friction_estimator.core.fit.batch import predict
+from friction_estimator.core.fit.batch import BatchFit, predict
 from friction_estimator.core.fit.frozen_score import FrozenScore, curves_learned, frozen_score
 from friction_estimator.core.model.structure import Extension, Model, Parameters
 from friction_estimator.core.online.estimator import Estimator, Health
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Samples
 from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.units import meet
+
+OUTLOOK = 1.25
+"""The curve is also given over this many times the velocities learned, to show what it says where it has not been."""
 
 BLOCK = 65536
 """Samples between two reports of progress, and between two snapshots of the parameters at the most."""
@@ -53,8 +58,8 @@ class Replay:
 
     Attributes
     ----------
-    config : the configuration that was run, units filled in.
-    samples : the admitted samples of all recordings, in order.
+    config : the configuration that was run, range and units as the first contact chose them.
+    samples : the samples of all recordings that were predicted, in order.
     predicted_N : (n,), friction predicted before each measurement was used.
     theory_N : (n,), the theoretical curve at the samples; None for Hammerstein.
     learned : (n,), where the estimator was allowed to learn.
@@ -62,7 +67,8 @@ class Replay:
     health : the estimator's own counters.
     seconds : wall-clock time of prediction and learning.
     starts : index of the first sample of each recording.
-    curve : the static curve learned, with its band; None where the estimator gives none.
+    curve : the static curve learned, with its 95 % band, over the velocities learned.
+    outlook : the same curve over `OUTLOOK` times those velocities, and all others that occurred.
     others : recordings that were predicted with what was learned.
     """
 
@@ -76,8 +82,9 @@ class Replay:
     health: Health
     seconds: float
     estimator: Estimator
+    curve: Curve
+    outlook: Curve
     starts: tuple[int, ...] = (0,)
-    curve: Any = None
     others: tuple[Judged, ...] = ()
 
     @property
@@ -178,7 +185,7 @@ class Replay:
             "samples_per_second": len(self.samples) / self.seconds if self.seconds > 0.0 else None,
             "units": {"velocity": "m/s", "friction": "N"},
             "baselines": None if frozen is None else frozen.baselines,
-            "curve": curve_as_json(self.curve),
+            "curve": self.curve,
             "test": [
                 {
                     "bag": other.name,
@@ -206,7 +213,7 @@ def replay(
     Parameters
     ----------
     samples : of one recording, or of several joined (`sample.joined`).
-    config : with units set (see `derive.with_recorded_units`).
+    config : where range or units are open the first contact chooses them, as in the live node (`settings.units`).
     freeze_after : learn on this first fraction of the samples only, [0, 1]: at 0 the configuration's values are judged
         as they are; None learns throughout.
     starts : index of the first sample of each recording.
@@ -218,6 +225,9 @@ def replay(
     ConfigError : `freeze_after` outside [0, 1].
     """
     check_answerable(samples)
+    contact = meet(config, samples)
+    config, samples = contact.config, samples[contact.dropped :]
+    starts = [max(0, start - contact.dropped) for start in starts]
     n = len(samples)
     if freeze_after is not None and not 0.0 <= freeze_after <= 1.0:
         raise ConfigError(f"freeze-after is {freeze_after:g}: give the fraction of the record to learn on, 0 to 1")
@@ -236,6 +246,7 @@ def replay(
         snapshots.append(estimator.parameters)
         advance(part.stop - part.start)
     parallel = config.model.type == "parallel"
+    curve, outlook = curves_of(estimator, samples, learn)
     return Replay(
         config=config,
         samples=samples,
@@ -248,7 +259,8 @@ def replay(
         seconds=seconds,
         estimator=estimator,
         starts=tuple(starts),
-        curve=curve_of(estimator, samples, learn),
+        curve=curve,
+        outlook=outlook,
     )
 
 
@@ -259,32 +271,19 @@ def _blocks(n: int, starts: Sequence[int]) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(edges)]
 
 
-def curve_of(source: Any, samples: Samples, learned: Bools) -> Any:
-    """Return the static curve of an estimator or a batch fit, with its 95 % band, at the conditions learned in.
+def curves_of(source: Estimator | BatchFit, samples: Samples, learned: Bools) -> tuple[Curve, Curve]:
+    """Return curve and outlook of a `Replay`, at the conditions learned in.
 
-    The conditions are those of the first samples that were learned from, of all where none was. None where `source`
-    gives no curve.
+    The conditions are the medians of the first samples, as many as were learned from; of all where none was.
     """
-    if not hasattr(source, "curve"):
-        return None
     count = int(np.count_nonzero(learned))
-    return source.curve(samples[:count] if count else samples)
-
-
-def curve_as_json(curve: Any) -> dict[str, Any] | None:
-    """Return a static curve as JSON has it (INTERFACE names)."""
-    if curve is None:
-        return None
-    names = (
-        "velocity_m_s",
-        "friction_N",
-        "low_N",
-        "high_N",
-        "pressure_Pa",
-        "temperature_degC",
-        "learned_share",
-    )
-    return {name: getattr(curve, name) for name in names}
+    known = samples[:count] if count else samples
+    curve = source.curve(known)
+    low, high = float(curve.velocity_m_s[0]), float(curve.velocity_m_s[-1])
+    more = 0.5 * (OUTLOOK - 1.0) * (high - low)
+    velocity = samples.velocity_m_s
+    wide = np.linspace(min(low - more, velocity.min()), max(high + more, velocity.max()), POINTS)
+    return curve, source.curve(known, wide)
 
 
 def check_answerable(samples: Samples) -> None:
@@ -306,24 +305,13 @@ def parameters_of(model: Model, parameters: Parameters) -> dict[str, Any]:
         "theory_taps": parameters.theory_taps if parameters.theory_taps.size else None,
         "wavelet_weights": parameters.wavelet_weights,
         "extension_weights": parameters.extension_weights if parameters.extension_weights.size else None,
-        "force_unit_N": config.force_unit,
+        "force_unit_N": config.unit_N,
         "basis": {
             "wavelet": config.basis.wavelet,
             "finest_level": config.basis.finest_level,
             "coarsest_level": config.basis.coarsest_level,
-            "velocity_range_m_s": config.basis.velocity_range,
+            "velocity_range_m_s": config.reach,
             "velocity_unit_m_s": model.basis.unit,
             "companding": config.basis.companding,
         },
     }
-
-
-def with_learned(config: Config, parameters: Parameters) -> Config:
-    """Return the configuration that starts warm from these values."""
-    learned: Mapping[str, object] = {
-        "learned.fir_taps": parameters.fir_taps,
-        "learned.theory_taps": parameters.theory_taps,
-        "learned.wavelet_weights": parameters.wavelet_weights,
-        "learned.extension_weights": parameters.extension_weights,
-    }
-    return config.updated(learned)
