@@ -29,6 +29,9 @@ RELIABLE = {f"qos_overrides./{topic}.subscription.reliability": "reliable" for t
 # The queue of the tests outlasts a machine that stands still for seconds; the benchmarks keep the node's own.
 DEEP = {f"qos_overrides./{topic}.subscription.depth": 4000 for topic in INPUTS}
 
+# Range and units of `motion`, for tests that are not about the first contact.
+UNITS = {"basis.velocity_range": [-0.15, 0.15], "force_unit": 10.0}
+
 
 def await_(condition: Callable[[], Any], what: str, limit_s: float = LIMIT_S) -> Any:
     """Return the condition's first true value; fails with `what` where it never comes."""
@@ -171,10 +174,19 @@ class Graph:
         arguments: tuple[str, ...] = (),
         reliable: bool = True,
         deep: bool = True,
+        units: bool = True,
         ready: bool = True,
     ) -> Process:
-        """Start the node under test with these parameters; return when it listens."""
-        values = {**(RELIABLE if reliable else {}), **(DEEP if deep else {}), **(parameters or {})}
+        """Start the node under test with these parameters; return when it listens.
+
+        Without `units` the first contact chooses them.
+        """
+        values = {
+            **(RELIABLE if reliable else {}),
+            **(DEEP if deep else {}),
+            **(UNITS if units else {}),
+            **(parameters or {}),
+        }
         file = self.folder / f"parameters{len(self.processes)}.yaml"
         file.write_text(yaml.safe_dump({"/**": {"ros__parameters": values}}))
         ros = ["--ros-args", "--params-file", str(file)]

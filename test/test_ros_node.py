@@ -18,7 +18,6 @@ from friction_estimator.core.intake.admission import Intake
 from friction_estimator.core.intake.pairing import FRICTION, VELOCITY
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.derive import with_live_units
 
 pytestmark = pytest.mark.ros
 PREDICTED, RESIDUAL = "/friction_estimator/friction_predicted", "/friction_estimator/residual"
@@ -32,7 +31,7 @@ def graph(tmp_path):
 
 def offline(stamps, velocity, friction, **values):
     """Return what replay predicts, N."""
-    config = with_live_units(Config.from_mapping(values))
+    config = Config.from_mapping(ros_graph.UNITS | values)
     events = np.stack([velocity, friction], 1).ravel()
     samples = Intake(config).push(np.tile([VELOCITY, FRICTION], stamps.size), np.repeat(stamps, 2), events)
     return Estimator(config).run(samples)
@@ -115,7 +114,7 @@ def test_joint_states_and_held_channels(graph):
     await_(lambda: len(heard) == stamps.size, "all predictions")
     assert heard[-1].header.frame_id == "world"
 
-    config = with_live_units(Config())
+    config = Config.from_mapping(ros_graph.UNITS)
     intake = Intake(config)
     intake.push([2, 3], [NS, NS], [101325.0 + 2e6, 20.0])
     samples = intake.push(
@@ -189,11 +188,11 @@ from friction_estimator.ros import node
 step, calls = live.LiveStep._step, []
 
 
-def failing(self, learn):
+def failing(self, estimator, learn):
     calls.append(1)
     if len(calls) % 10 == 0:
         raise ZeroDivisionError("provoked")
-    return step(self, learn)
+    return step(self, estimator, learn)
 
 
 live.LiveStep._step = failing
@@ -202,9 +201,8 @@ node.main()
 
 
 def test_an_exception_is_counted_reported_and_survived(graph):
-    process = graph.start(
-        "-c", FAULTY, "--ros-args", *(w for n, v in ros_graph.RELIABLE.items() for w in ("-p", f"{n}:={v}"))
-    )
+    given = ros_graph.RELIABLE | ros_graph.UNITS
+    process = graph.start("-c", FAULTY, "--ros-args", *(w for n, v in given.items() for w in ("-p", f"{n}:={v}")))
     process.says("listening")
     feeder, heard = connected(graph)
     stamps, velocity, friction = motion(100, 400.0)

@@ -1,25 +1,26 @@
 """The node `friction_estimator`: parameters, services and timers around a `SampleStream`. It holds no maths."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import SetBool, Trigger
 
 from friction_estimator.core.errors import ConfigError, FrictionEstimatorError
+from friction_estimator.core.fit.band import Curve
 from friction_estimator.core.intake.pairing import FRICTION, VELOCITY
 from friction_estimator.core.model.structure import Parameters
-from friction_estimator.core.online import relinearisation
-from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.core.online.estimator import CHOSEN, Estimator, stated_config
 from friction_estimator.core.settings.config import PARAMETERS, Config
-from friction_estimator.core.settings.derive import with_live_units
 from friction_estimator.core.settings.setting import Value
+from friction_estimator.core.settings.units import NO_FORCE, NO_VELOCITY
 from friction_estimator.ros.arguments import beside_its_file
-from friction_estimator.ros.health import Health
+from friction_estimator.ros.health import STILL_NEEDED, Health
 from friction_estimator.ros.outputs import Outputs
 from friction_estimator.ros.parameters import ConfiguredNode, to_ros
 from friction_estimator.ros.sources import Inputs
@@ -29,6 +30,14 @@ from friction_estimator.ros.stream import SampleStream
 NAME = "friction_estimator"
 
 LEARNED = tuple(name for name, item in PARAMETERS.items() if item.learned)
+ARRAYS = tuple(name for name in LEARNED if name not in CHOSEN)
+"""What is learned in range and units, which are the rest of the learned values."""
+
+WORK_OFF_S = 0.002
+"""Time between two pieces of what waited for the first contact."""
+
+FEW_POINTS = 41
+"""Velocities at which the learned part of the range is looked for where nobody asks for the whole curve."""
 
 SNAPSHOT_S = 2.0
 """Learned parameters read in quick succession are of one moment, so that a dump is consistent."""
@@ -46,7 +55,7 @@ class EstimatorNode(ConfiguredNode):
         self._files = files
         super().__init__(NAME)
         self.health = Health(self)
-        self._snapshot: tuple[float, Parameters | None] = (0.0, None)
+        self._snapshot: tuple[float, Config | None] = (0.0, None)
         self._enabled = True
         self._configured = self.config.learned
         self._outputs = Outputs(self, self.config.input.axis)
@@ -55,61 +64,128 @@ class EstimatorNode(ConfiguredNode):
             self.get_logger().error(f"parameter refused: {reason}")
         if self.refused:
             self.health.notes["refused parameters"] = "; ".join(self.refused)
+        for line in self.retired:
+            self.get_logger().warning(line)
         warm_up()
-        self._stream = SampleStream(self.config, self._estimator(self.config), self._publish)
+        # Housekeeping must go on when the simulation's clock stands still.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._working_off = self.create_timer(WORK_OFF_S, self._work_off, clock=steady, autostart=False)
+        self._stream = SampleStream(self.config, self._met, self._publish)
         self._keeper.configure(self.config.state)
-        self._load_at_start()
+        self._begin()
         self._inputs = self._open_inputs()
         self._service(Trigger, "~/reset", self._reset)
         self._service(Trigger, "~/save", self._save)
         self._service(Trigger, "~/load", self._load)
         self._service(SetBool, "~/enable", self._enable)
         self._service(SetBool, "~/adapt", self._adapt)
-        # Housekeeping must go on when the simulation's clock stands still.
         self.get_logger().info(f"listening: {', '.join(s.topic for s in self._inputs.sources.values() if s.required)}")
-        self.create_timer(1.0, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(1.0, self._tick, clock=steady)
 
     # --- estimator ---------------------------------------------------------------------------------------------
 
-    def _estimator(self, config: Config) -> Estimator | None:
-        """Build the estimator; where the configuration does not allow it, say why and live on without."""
-        unset = [name for name in ("basis.velocity_range", "force_unit") if not PARAMETERS[name].of(config)]
-        config = with_live_units(config)
-        for name in unset:
-            value = PARAMETERS[name].of(config)
-            shown = list(value) if isinstance(value, tuple) else value
-            self.get_logger().info(f"{name} is unset: using {shown} {PARAMETERS[name].unit}")
-        self.health.notes.pop("configuration", None)
+    def _begin(self, *, from_file: bool = True) -> None:
+        """Begin as the parameters and the state file say: warm, cold, or with the first contact.
+
+        Where the configuration allows no estimator, say why and live on without.
+        """
+        for note in ("configuration", "started cold"):
+            self.health.notes.pop(note, None)
+        estimator = self._trial()
+        if estimator is None:
+            self._stream.begin(None)
+            return
+        self._stream.begin(self.config, estimator if self.config.is_met else None)
+        if from_file and self._keeper.start():
+            try:
+                self.get_logger().info(self._keeper.load(self._restored))
+            except FrictionEstimatorError as error:
+                self._keeper.refuse(error)
+        if self._stream.meeting:
+            unset = " and ".join(name for name in ("basis.velocity_range", "force_unit") if not self._known(name))
+            self.get_logger().info(
+                f"first contact: {unset} come from the first samples; nothing is published before ({STILL_NEEDED})"
+            )
+
+    def _known(self, name: str) -> object:
+        return self.config.reach if name == "basis.velocity_range" else self.config.unit_N
+
+    def _trial(self) -> Estimator | None:
+        """Return an estimator of the parameters, with units of no meaning where they are open; None where none can be.
+
+        Learned values that fit no estimator are forgotten.
+        """
+        reason = ""
+        given = [name for name in ARRAYS if PARAMETERS[name].of(self.config)]
+        if given and not self.config.is_met:
+            reason = f"{given[0]} is given without the range and units that it was learned in ({', '.join(CHOSEN)})"
         try:
-            return build(config)
+            if not reason:
+                return build(supposed(self.config))
         except FrictionEstimatorError as error:
             reason = str(error)
-        if any(PARAMETERS[name].of(config) for name in LEARNED):
+        if given:
+            cold = without_learned(self.config)
             try:
-                estimator = build(without_learned(config))
+                estimator = build(supposed(cold))
             except FrictionEstimatorError as error:
                 reason = str(error)
             else:
                 self.get_logger().error(f"starting cold: {reason}")
                 self.health.notes["started cold"] = reason
+                self.config = cold
                 return estimator
-        self.get_logger().error(f"not estimating: {reason}; correct it and call ~/reset")
-        self.health.notes["configuration"] = f"not estimating: {reason}"
+        self._unusable(reason)
         return None
 
-    def _load_at_start(self) -> None:
-        if self._stream.estimator is None or not self._keeper.start():
-            return
+    def _unusable(self, reason: str) -> None:
+        self.get_logger().error(f"not estimating: {reason}; correct it and call ~/reset")
+        self.health.notes["configuration"] = f"not estimating: {reason}"
+
+    def _met(self, config: Config) -> Estimator:
+        """Build the estimator that the first contact asks for, and say what it chose."""
         try:
-            self.get_logger().info(self._keeper.load(self._stream.estimator))
+            estimator = build(config)
         except FrictionEstimatorError as error:
-            self._keeper.refuse(error)
+            self._unusable(str(error))
+            raise
+        estimator.retune(self.config)
+        told = f"first contact ended, {self._stream.held_back} samples waited"
+        if self._stream.dropped:
+            told += f" and {self._stream.dropped} before them were let go"
+        self.get_logger().info(f"{told}: {units_of(config)}; ~/reset forgets that")
+        self._working_off.reset()
+        return estimator
+
+    def _restored(self, state: Mapping[str, Any]) -> Estimator:
+        """Go on with a state; raises where it does not fit, and nothing has changed then."""
+        estimator = self._stream.estimator
+        if estimator is not None:
+            estimator.restore(state)
+            return estimator
+        if "configuration" in self.health.notes:
+            raise ConfigError(self.health.notes["configuration"])
+        estimator = build(stated_config(self.config, state))
+        estimator.restore(state)
+        self._stream.go_on(estimator)
+        self.get_logger().info(f"no first contact needed: {units_of(estimator.config)}")
+        self._working_off.reset()
+        return estimator
+
+    def _work_off(self) -> None:
+        """Predict some of what waited; new samples get in between."""
+        try:
+            self._stream.work_off()
+        except Exception as error:
+            self.health.exception("samples that waited", error)
+        if not self._stream.working_off:
+            self._working_off.cancel()
 
     def _open_inputs(self) -> Inputs:
         return Inputs(self, self.config.input, self._stream.event, self.health.exception)
 
-    def _publish(self, stamp_ns: int, predicted_N: float, friction_N: float) -> None:
-        self._outputs.sample(stamp_ns, self._inputs.frame, predicted_N, friction_N)
+    def _publish(self, stamp_ns: int, predicted_N: float, friction_N: float, stddev_N: float) -> None:
+        self._outputs.sample(stamp_ns, self._inputs.frame, predicted_N, friction_N, stddev_N)
         estimator = self._stream.estimator
         if self._outputs.parameters_due(self.config.publish.parameters_rate) and estimator is not None:
             self._outputs.parameters(estimator.parameters)
@@ -119,9 +195,21 @@ class EstimatorNode(ConfiguredNode):
             estimator = self._stream.estimator
             if estimator is not None:
                 self._keeper.tick(estimator)
-            self.health.tick(self.config, self._inputs.sources, self._stream, self._enabled, self._keeper.report())
+            curve = self._curve(estimator) if estimator is not None else None
+            extra = self._keeper.report()
+            self.health.tick(self.config, self._inputs.sources, self._stream, self._enabled, curve, extra)
         except Exception as error:
             self.health.exception("diagnostics", error)
+
+    def _curve(self, estimator: Estimator) -> Curve:
+        """Return the static curve, published where somebody listens; at few velocities where nobody does."""
+        conditions = self._stream.conditions
+        if not self._outputs.curve_wanted:
+            low, high = estimator.model.basis.reach
+            return estimator.curve(conditions, np.linspace(low, high, FEW_POINTS))
+        curve = estimator.curve(conditions)
+        self._outputs.curve(curve)
+        return curve
 
     # --- services ----------------------------------------------------------------------------------------------
 
@@ -149,20 +237,22 @@ class EstimatorNode(ConfiguredNode):
             if self.config.extension.terms
             else without_learned(self.config)
         )
-        self._stream.estimator = self._estimator(self.config)
+        self._begin(from_file=False)
         self._stream.restart()
         self._stream.learn = self.config.model.adapt
         self._snapshot = (0.0, None)
         self._keeper.changed()
-        if self._stream.estimator is None:
+        if "configuration" in self.health.notes:
             raise ConfigError(self.health.notes["configuration"])
-        return "started cold with the present parameters"
+        return f"started cold with the present parameters{'; first contact' if self._stream.meeting else ''}"
 
     def _save(self, _: Any) -> str:
         return self._keeper.save(self._running())
 
     def _load(self, _: Any) -> str:
-        answer = self._keeper.load(self._running())
+        if "configuration" in self.health.notes:
+            raise ConfigError(self.health.notes["configuration"])
+        answer = self._keeper.load(self._restored)
         self._stream.restart()
         self._snapshot = (0.0, None)
         return answer
@@ -187,7 +277,8 @@ class EstimatorNode(ConfiguredNode):
 
     def _running(self) -> Estimator:
         if self._stream.estimator is None:
-            raise ConfigError(self.health.notes["configuration"])
+            waiting = f"first contact: nothing is learned yet, {self._stream.held_back} samples wait, {STILL_NEEDED}"
+            raise ConfigError(self.health.notes.get("configuration", waiting))
         return self._stream.estimator
 
     # --- parameters --------------------------------------------------------------------------------------------
@@ -202,26 +293,32 @@ class EstimatorNode(ConfiguredNode):
         """Return a parameter; learned ones are read from the estimator when asked for, without any event."""
         if name not in LEARNED:
             return super().get_parameter(name)
-        values = self._learned()
-        numbers = getattr(values, name.rpartition(".")[2]).tolist() if values is not None else []
-        return RosParameter(name, RosParameter.Type.DOUBLE_ARRAY, numbers)
+        item = PARAMETERS[name]
+        return to_ros(item, item.of(self._learned()))
 
-    def _learned(self) -> Parameters | None:
-        taken, values = self._snapshot
+    def _learned(self) -> Config:
+        """Return the configuration with what was learned, of one moment for questions in quick succession."""
+        taken, config = self._snapshot
         now = time.monotonic()
-        if now - taken > SNAPSHOT_S:
+        if config is None or now - taken > SNAPSHOT_S:
             stream = getattr(self, "_stream", None)  # rclpy may ask during construction
-            values = stream.estimator.parameters if stream and stream.estimator else None
-        self._snapshot = (now, values)
-        return values
+            config = stream.estimator.learned_config if stream and stream.estimator else self.config
+        self._snapshot = (now, config)
+        return config
 
     def check_change(self, config: Config, changed: Sequence[str]) -> None:
         """Raise ConfigError where learned values do not fit the running model, judged all together."""
-        if any(name in LEARNED for name in changed):
-            given = self._given(config, changed)
-            running = self._running()
-            trial = build(replace(running.config, learned=type(config.learned)()))
-            trial.parameters = given
+        if not any(name in LEARNED for name in changed):
+            return
+        running = self._running()
+        for name in CHOSEN:
+            item = PARAMETERS[name]
+            if name in changed and item.of(config) != item.of(running.config):
+                raise ConfigError(
+                    f"{name}: all that was learned is in terms of the present {item.of(running.config)}; give another "
+                    "one in the parameter file of the next start, or let ~/reset choose anew"
+                )
+        running.model.checked(self._given(config, changed))
 
     def apply_change(self, config: Config, changed: Sequence[str]) -> None:
         """Let live changes act."""
@@ -245,7 +342,7 @@ class EstimatorNode(ConfiguredNode):
         present = self._running().parameters
         values = {}
         for name in changed:
-            if name in LEARNED:
+            if name in ARRAYS:
                 leaf = name.rpartition(".")[2]
                 ours, given = getattr(present, leaf), PARAMETERS[name].of(config)
                 if len(given) != ours.size:  # type: ignore[arg-type]
@@ -285,13 +382,30 @@ def without_learned(config: Config) -> Config:
     return replace(config, learned=type(config.learned)())
 
 
+def supposed(config: Config) -> Config:
+    """Return the configuration with range and units of no meaning where they are open, to try the rest of it."""
+    values: dict[str, object] = {}
+    if config.reach is None:
+        values |= {"learned.velocity_range": (-NO_VELOCITY, NO_VELOCITY), "learned.velocity_scale": NO_VELOCITY}
+    if not config.unit_N > 0.0:
+        values["learned.force_unit"] = NO_FORCE
+    return config.updated(values)
+
+
+def units_of(config: Config) -> str:
+    """Return range and unit of a configuration in words."""
+    low, high = config.reach or (0.0, 0.0)
+    return f"velocity range [{low:.5g}, {high:.5g}] m/s, force unit {config.unit_N:.5g} N"
+
+
 def warm_up() -> None:
     """Compile the sample loops, so that the first sample is not late by seconds."""
     for model in ("hammerstein", "parallel"):
-        config = with_live_units(Config.from_mapping({"model.type": model}))
-        estimator = build(config)
-        relinearisation.warm_up(estimator.model)
-        stream = SampleStream(config, estimator, lambda *_: None)
+        config = supposed(Config.from_mapping({"model.type": model}))
+        stream = SampleStream(config, build, lambda *_: None)
+        stream.begin(config)
         for stamp_ns in (1, 2):
             stream.event(VELOCITY, stamp_ns, 0.01)
             stream.event(FRICTION, stamp_ns, 1.0)
+        if stream.estimator is not None:
+            stream.estimator.curve()

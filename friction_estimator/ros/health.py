@@ -7,14 +7,23 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
+from friction_estimator.core.fit.band import Curve
+from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.sample import NS_PER_S
 from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.units import MOTION_S, REVERSALS
 from friction_estimator.ros.silence import Finding, Findings, explain, stamp_offset_s
 from friction_estimator.ros.sources import Source
 from friction_estimator.ros.stream import SampleStream
 
 GRACE_S = 2.0
 """Discovery takes a moment: nothing is called silent before."""
+
+STILL_NEEDED = f"still needed: {REVERSALS} reversals or {MOTION_S:g} s of motion"
+"""What ends the first contact."""
+
+LEARNED_SHARE = 0.5
+"""Share of the prior variance that the data must have removed where the curve counts as learned."""
 
 
 class Health:
@@ -49,9 +58,21 @@ class Health:
         self._counts = {}
 
     def tick(
-        self, config: Config, sources: Mapping[str, Source], stream: SampleStream, enabled: bool, extra: dict[str, Any]
+        self,
+        config: Config,
+        sources: Mapping[str, Source],
+        stream: SampleStream,
+        enabled: bool,
+        curve: Curve | None,
+        extra: dict[str, Any],
     ) -> None:
-        """Publish diagnostics and log what is newly wrong."""
+        """Publish diagnostics and log what is newly wrong.
+
+        Parameters
+        ----------
+        curve : the present static curve, at any velocities over its range.
+        extra : further values of the estimator's status.
+        """
         now = time.monotonic()
         span = max(now - self._last, 1e-3)
         self._last = now
@@ -100,40 +121,36 @@ class Health:
         message.header.stamp = self._node.get_clock().now().to_msg()
         message.status = [
             self._status("inputs", level, words, inputs),
-            self._estimator_status(stream, samples / span, extra),
+            self._estimator_status(stream, samples / span, curve, extra),
         ]
         self._publisher.publish(message)
 
-    def _estimator_status(self, stream: SampleStream, rate: float, extra: dict[str, Any]) -> DiagnosticStatus:
+    def _estimator_status(
+        self, stream: SampleStream, rate: float, curve: Curve | None, extra: dict[str, Any]
+    ) -> DiagnosticStatus:
         level, words = DiagnosticStatus.OK, "learning" if stream.learn else "predicting, not learning"
         values: dict[str, Any] = {"samples per second": f"{rate:.1f}", "predictions": stream.predictions}
         values["samples lost"] = stream.lost
+        values["samples waiting"] = stream.held_back
+        values["samples dropped while waiting"] = stream.dropped
         values["exceptions"] = self.exceptions
         if self.last_exception:
             values["last exception"] = self.last_exception
         if stream.estimator is not None:
             health = stream.estimator.health
-            running = stream.estimator.config
-            values |= {
-                "model": running.model.type,
-                "law": running.model.law,
-                "running error rms (N)": f"{health.error_rms_N:.6g}",
-                "learned from": health.learned,
-                "divergence guard": health.guarded,
-                "outliers clipped": health.clipped,
-                "abrupt changes": health.alarmed,
-                "fits to the past adopted": health.adopted,
-                "outside velocity range": health.outside,
-                "velocity range (m/s)": str(list(running.basis.velocity_range)),
-                "force unit (N)": f"{running.force_unit:g}",
-            }
+            values |= _account(stream.estimator, curve)
             if stream.predictions:
-                values["velocity seen (m/s)"] = str([float(f"{v:.6g}") for v in stream.velocity_seen])
-            if self._grown("outside", health.outside):
+                values["velocity seen (m/s)"] = _interval(stream.velocity_seen)
+            outside, grown = self._grown("outside", health.outside), self._grown("grown", health.grown)
+            if grown:
+                self._node.get_logger().info(f"speeds beyond the range: it is {_reach(stream.estimator)} m/s now")
+            elif outside:
                 level = DiagnosticStatus.WARN
-                words = f"velocity outside {list(running.basis.velocity_range)} m/s: nothing is learned there"
+                words = f"velocity outside {_reach(stream.estimator)} m/s: nothing is learned there"
             if self._grown("guarded", health.guarded):
                 level, words = DiagnosticStatus.WARN, "the divergence guard held a step back"
+            if stream.working_off:
+                level, words = DiagnosticStatus.WARN, f"catching up: {stream.held_back} samples wait for their turn"
         values |= extra
         for key, note in self.notes.items():
             values[key] = note
@@ -141,7 +158,10 @@ class Health:
                 level, words = DiagnosticStatus.WARN, f"{key}: {note}"
         if self._grown("exceptions", self.exceptions):
             level, words = DiagnosticStatus.ERROR, self.last_exception
-        if stream.estimator is None:
+        if stream.meeting:
+            level = DiagnosticStatus.WARN if stream.held_back else DiagnosticStatus.OK
+            words = f"first contact: {stream.held_back} samples wait, {STILL_NEEDED}"
+        elif stream.estimator is None:
             level, words = DiagnosticStatus.ERROR, self.notes.get("configuration", "no estimator")
         return self._status("estimator", level, words, values)
 
@@ -181,3 +201,45 @@ class Health:
             message=words,
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
         )
+
+
+def _account(estimator: Estimator, curve: Curve | None) -> dict[str, Any]:
+    """Return what the estimator says about itself."""
+    health, config = estimator.health, estimator.config
+    given, unit = config.basis.velocity_range, config.force_unit
+    values = {
+        "model": config.model.type,
+        "law": config.model.law,
+        "running error rms (N)": f"{health.error_rms_N:.6g}",
+        "learned from": health.learned,
+        "divergence guard": health.guarded,
+        "outliers clipped": health.clipped,
+        "abrupt changes": health.alarmed,
+        "outside velocity range": health.outside,
+        "velocity range (m/s)": _reach(estimator),
+        "velocity range is": "configured" if given else "learned: chosen at first contact, it grows",
+        "velocity range grown (times)": health.grown,
+        "force unit (N)": f"{config.unit_N:g}",
+        "force unit is": "configured" if unit else "learned: chosen at first contact",
+    }
+    return values | _learned_part(curve)
+
+
+def _learned_part(curve: Curve | None) -> dict[str, Any]:
+    """Return which part of the velocity range the data have decided on."""
+    key = "learned part of the velocity range"
+    if curve is None or curve.learned_share is None:
+        return {key: "not known: this law keeps no covariance"}
+    known = curve.learned_share > LEARNED_SHARE
+    if not known.any():
+        return {key: "0 %"}
+    where = curve.velocity_m_s[known]
+    return {key: f"{100.0 * known.mean():.0f} %", "learned velocities (m/s)": _interval((where[0], where[-1]))}
+
+
+def _reach(estimator: Estimator) -> str:
+    return _interval(estimator.model.basis.reach)
+
+
+def _interval(ends: tuple[float, float]) -> str:
+    return str([float(f"{end:.6g}") for end in ends])

@@ -1,21 +1,26 @@
-"""What the node publishes: prediction and residual as raw WrenchStamped, parameters as labelled arrays."""
+"""What the node publishes: prediction, its deviation and residual as raw WrenchStamped, the rest as labelled arrays."""
 
 import array
 import time
 from typing import Any
 
+import numpy as np
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
+from friction_estimator.core.fit.band import Curve
 from friction_estimator.core.model.structure import Parameters
 from friction_estimator.core.sample import Floats
 from friction_estimator.ros.quality import output_qos, with_overrides
 from friction_estimator.ros.wire import WrenchWriter
 
 ARRAYS = ("fir_taps", "theory_taps", "wavelet_weights")
+
+CURVE_COLUMNS = "velocity_m_s,friction_N,low_N,high_N"
+"""Label of the curve's columns."""
 
 
 class Outputs:
@@ -36,6 +41,8 @@ class Outputs:
 
         self._predicted = publisher(WrenchStamped, "~/friction_predicted", 1000)
         self._residual = publisher(WrenchStamped, "~/residual", 1000)
+        self._stddev = publisher(WrenchStamped, "~/friction_stddev", 1000)
+        self._curve = publisher(Float64MultiArray, "~/friction_curve", 1)
         self._arrays = {name: publisher(Float64MultiArray, f"~/parameters/{name}", 10) for name in ARRAYS}
         self._parameters_due = 0.0
         self.published = 0
@@ -45,11 +52,12 @@ class Outputs:
         """Publish the force on this axis."""
         self._writer = WrenchWriter("xyz".index(axis))
 
-    def sample(self, stamp_ns: int, frame: bytes, predicted_N: float, friction_N: float) -> None:
-        """Publish the prediction of one sample and its residual."""
+    def sample(self, stamp_ns: int, frame: bytes, predicted_N: float, friction_N: float, stddev_N: float) -> None:
+        """Publish the prediction of one sample, its residual and its standard deviation."""
         write = self._writer.write
         self._predicted.publish(write(stamp_ns, frame, predicted_N))
         self._residual.publish(write(stamp_ns, frame, friction_N - predicted_N))
+        self._stddev.publish(write(stamp_ns, frame, stddev_N))
         self.published += 1
 
     def parameters_due(self, rate_hz: float) -> bool:
@@ -66,6 +74,23 @@ class Outputs:
         """Publish the learned values."""
         for name in ARRAYS:
             self._arrays[name].publish(labelled(name, getattr(values, name)))
+
+    @property
+    def curve_wanted(self) -> bool:
+        """Whether anybody listens to the curve."""
+        return bool(self._curve.get_subscription_count())
+
+    def curve(self, curve: Curve) -> None:
+        """Publish the static curve: a row a velocity."""
+        rows = np.stack([curve.velocity_m_s, curve.friction_N, curve.low_N, curve.high_N], 1)
+        count, columns = rows.shape
+        message = Float64MultiArray()
+        message.layout.dim = [
+            MultiArrayDimension(label="velocities", size=count, stride=rows.size),
+            MultiArrayDimension(label=CURVE_COLUMNS, size=columns, stride=columns),
+        ]
+        message.data = array.array("d", rows.tobytes())
+        self._curve.publish(message)
 
 
 def labelled(name: str, values: Floats) -> Float64MultiArray:

@@ -19,7 +19,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from friction_estimator.core.errors import ConfigError
-from friction_estimator.core.settings.config import PARAMETERS, Config, parameter
+from friction_estimator.core.settings.config import PARAMETERS, RETIRED, Config, parameter, retired
 from friction_estimator.core.settings.setting import Parameter, Value
 
 _ROS_OWN = ("use_sim_time", "start_type_description_service")
@@ -107,11 +107,13 @@ class ConfiguredNode(Node):  # type: ignore[misc]
     ----------
     config : the configuration as the parameters now read; what acts at ~/reset may not act yet.
     refused : one line for each start-up value that was not accepted.
+    retired : one line for each start-up value of an earlier version, which is passed over.
     """
 
     def __init__(self, name: str) -> None:
         self.config = Config()
         self.refused: list[str] = []
+        self.retired: list[str] = []
         try:
             super().__init__(name)
         except InvalidParameterTypeException as error:
@@ -122,9 +124,10 @@ class ConfiguredNode(Node):  # type: ignore[misc]
 
     def _declare(self) -> None:
         values: dict[str, Value] = {}
+        self.retired = retired(self._parameter_overrides)
         # rclpy offers no public way to read overrides that it cannot declare, such as an empty array.
         for name, given in self._parameter_overrides.items():
-            if is_ros_own(name):
+            if is_ros_own(name) or name in RETIRED:
                 continue
             try:
                 values[name] = self.localised(name, from_ros(parameter(name), given))
@@ -162,6 +165,8 @@ class ConfiguredNode(Node):  # type: ignore[misc]
                 if given.name not in PARAMETERS and self.has_parameter(given.name):
                     passed.append(given)
                     continue
+                if given.name in RETIRED:
+                    raise ConfigError(retired([given.name])[0])
                 item = parameter(given.name)
                 values[item.name] = from_ros(item, given)
                 passed.append(to_ros(item, values[item.name]))

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 from friction_estimator.core.errors import ConfigError, FrictionEstimatorError, InputError
@@ -61,11 +62,10 @@ class StateKeeper:
         """Note that the state differs from the saved one although no sample came."""
         self._saved_samples = -1
 
-    def load(self, estimator: Estimator) -> str:
-        """Restore the estimator from the file; raises the reason where that is impossible."""
+    def load(self, restored: Callable[[dict[str, Any]], Estimator]) -> str:
+        """Hand the state in the file to `restored`, which returns its estimator; raises why that is impossible."""
         path = self._path()
-        state = read_state(path)
-        estimator.restore(_part(state, path))
+        estimator = restored(_part(read_state(path), path))
         self._saved_samples = estimator.health.samples
         return f"restored {path}: {estimator.health.samples} samples learned from"
 

@@ -1,15 +1,29 @@
 """From events to published predictions, as messages arrive; replay does the same over arrays."""
 
+import time
 from collections.abc import Callable
 
+import numpy as np
+
+from friction_estimator.core.errors import FrictionEstimatorError
 from friction_estimator.core.intake.admission import Intake
-from friction_estimator.core.intake.pairing import FRICTION
+from friction_estimator.core.intake.pairing import FRICTION, PRESSURE, TEMPERATURE
 from friction_estimator.core.online.estimator import Estimator
-from friction_estimator.core.online.live import CAPACITY, Events, LiveStep
+from friction_estimator.core.online.live import CAPACITY, Events, LiveStep, Prediction
+from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
 
-Publish = Callable[[int, float, float], None]
-"""Takes (stamp in ns, predicted friction, measured friction)."""
+Publish = Callable[[int, float, float, float], None]
+"""Takes (stamp in ns, predicted friction, measured friction, standard deviation of the prediction)."""
+
+Build = Callable[[Config], Estimator]
+
+WORK_OFF_HZ = 5000.0
+"""Samples a second that are worked off of what waited, beside twice as many as arrive: new ones still get in between,
+and a subscriber keeps up with what comes out."""
+
+LARGEST_PIECE = 256
+"""Samples of them at once: their predictions fit into any queue, and take less time than the inputs' queues hold."""
 
 
 class SampleStream:
@@ -20,8 +34,8 @@ class SampleStream:
 
     Parameters
     ----------
-    config : `sync.*`, `input.friction_sign` and `model.adapt` are read.
-    estimator : predicts and learns; None while the configuration allows none (samples are counted and dropped).
+    config : `sync.*`, `input.friction_sign` and `model.adapt` are read; units and range, if it says them.
+    build : makes the estimator when the first contact has ended; where it cannot, samples are counted and dropped.
     publish : takes each prediction.
 
     Attributes
@@ -31,33 +45,86 @@ class SampleStream:
     velocity_seen : lowest and highest velocity of the predicted samples, m/s.
     """
 
-    def __init__(self, config: Config, estimator: Estimator | None, publish: Publish) -> None:
+    def __init__(self, config: Config, build: Build, publish: Publish) -> None:
         self.learn = config.model.adapt
         self.predictions = 0
         self.lost = 0
         self.velocity_seen = (float("inf"), float("-inf"))
-        self._publish = publish
+        self._build, self._publish = build, publish
         self._past: dict[str, int] = {}
-        self._connect(Intake(config), estimator)
+        self._dropped = 0
+        self._worked_off_at, self._admitted_then = time.monotonic(), 0
+        self._held = [float("nan"), float("nan")]
+        self.intake = Intake(config)
+        self._connect(None)
 
-    def _connect(self, intake: Intake, estimator: Estimator | None) -> None:
-        self.intake, self._estimator = intake, estimator
+    def _connect(self, step: LiveStep | None) -> None:
+        self._step = step
         self._count = 0
         self._pending = [False, False]
-        self._waiting = intake.pairer.waiting
-        self._step = LiveStep(intake, estimator) if estimator is not None else None
-        buffer = self._step or Events()
+        self._waiting = self.intake.pairer.waiting
+        buffer = step or Events()
         self._streams, self._stamps, self._values = buffer.stream, buffer.stamp_ns, buffer.value
+
+    # --- the estimator -----------------------------------------------------------------------------------------
 
     @property
     def estimator(self) -> Estimator | None:
-        """The estimator; setting another one keeps pairing and counters."""
-        return self._estimator
+        """The estimator; None while the first contact lasts, and where the configuration allows none."""
+        return self._step.estimator if self._step is not None else None
 
-    @estimator.setter
-    def estimator(self, estimator: Estimator | None) -> None:
+    @property
+    def meeting(self) -> bool:
+        """Whether samples wait for the end of the first contact."""
+        return self._step is not None and self._step.contact is not None
+
+    @property
+    def held_back(self) -> int:
+        """Samples that wait to be predicted."""
+        if self._step is None:
+            return 0
+        return self._step.behind + (len(self._step.contact) if self._step.contact is not None else 0)
+
+    @property
+    def working_off(self) -> bool:
+        """Whether `work_off` has something to do."""
+        return self._step is not None and self._step.behind > 0
+
+    @property
+    def dropped(self) -> int:
+        """Samples that waited and were let go: too many, or the wait was given up."""
+        contact = self._step.contact if self._step is not None else None
+        return self._dropped + (contact.dropped if contact is not None else 0)
+
+    @property
+    def conditions(self) -> Samples:
+        """The last pressure and temperature, as the one sample that `Estimator.curve` takes them from."""
+        nothing = np.zeros(1)
+        pressure, temperature = (np.array([value]) for value in self._held)
+        return Samples(np.ones(1, np.int64), nothing, nothing, np.ones(1, np.bool_), pressure, temperature)
+
+    def begin(self, config: Config | None, estimator: Estimator | None = None) -> None:
+        """Start anew; pairing and counters go on, samples that waited are let go.
+
+        Parameters
+        ----------
+        config : where it leaves range and units open, the next samples decide; None: samples are counted and dropped.
+        estimator : to go on with.
+        """
         self.flush()
-        self._connect(self.intake, estimator)
+        self._dropped = self.dropped + self.held_back
+        self._connect(None if config is None else LiveStep(self.intake, config, self._build, estimator))
+
+    def go_on(self, estimator: Estimator) -> None:
+        """End the first contact with this estimator: samples that wait are its first."""
+        self.flush()
+        if self._step is None:
+            self.begin(estimator.config, estimator)
+        else:
+            self._dropped = self.dropped
+            self._step.begin(estimator)
+
+    # --- samples -----------------------------------------------------------------------------------------------
 
     def event(self, stream: int, stamp_ns: int, value: float) -> None:
         """Take one event; publish the samples that it completes."""
@@ -72,6 +139,8 @@ class SampleStream:
             if self._pending[other] or self._waiting[other]:
                 self.flush()
                 return
+        elif stream <= TEMPERATURE:
+            self._held[stream - PRESSURE] = value
         if count + 1 == CAPACITY:
             self.flush()
 
@@ -82,31 +151,76 @@ class SampleStream:
             return
         self._count = 0
         self._pending[0] = self._pending[1] = False
-        if self._step is None:
+        step = self._step
+        if step is None:
             samples = self.intake.push(self._streams[:count], self._stamps[:count], self._values[:count])
             self.lost += len(samples)
             self._waiting = self.intake.pairer.waiting
-            return
-        sequencer = self.intake.sequencer
-        admitted, predicted = sequencer.admitted, 0
+        elif step.contact is None and not step.behind:
+            sequencer = self.intake.sequencer
+            admitted, predictions = sequencer.admitted, self.predictions
+            try:
+                self._hand_on(step.run(count, learn=self.learn))
+            finally:
+                self.lost += sequencer.admitted - admitted - (self.predictions - predictions)
+                self._waiting = self.intake.pairer.waiting
+        else:
+            self._wait(step, count)
+
+    def _hand_on(self, predictions: list[Prediction]) -> None:
+        handed_on = 0
         try:
-            for stamp_ns, velocity, friction, forecast in self._step.run(count, learn=self.learn):
+            for stamp_ns, velocity, friction, predicted, deviation in predictions:
                 low, high = self.velocity_seen
                 if not low <= velocity <= high:
                     self.velocity_seen = (min(low, velocity), max(high, velocity))
-                predicted += 1
-                self._publish(stamp_ns, forecast, friction)
+                handed_on += 1
+                self._publish(stamp_ns, predicted, friction, deviation)
         finally:
-            self.predictions += predicted
-            self.lost += sequencer.admitted - admitted - predicted
+            self.predictions += handed_on
+
+    def _wait(self, step: LiveStep, count: int) -> None:
+        """Let the samples that `count` events complete wait; where that ends the first contact, begin with them."""
+        sequencer, contact = self.intake.sequencer, step.contact
+        admitted = sequencer.admitted - self.held_back - self.dropped
+        try:
+            step.run(count, learn=self.learn, most=0)
+        except FrictionEstimatorError:
+            self._connect(None)  # no estimator, nothing to wait for; the builder says why
+        finally:
+            if contact is not None and (self._step is None or step.contact is None):
+                self._dropped += contact.dropped
+            self.lost += sequencer.admitted - self.held_back - self.dropped - admitted
             self._waiting = self.intake.pairer.waiting
+        if contact is not None:
+            self.work_off()
+
+    def work_off(self) -> None:
+        """Predict some of the samples that waited; to be called again and again while `working_off`."""
+        step = self._step
+        now, admitted = time.monotonic(), self.intake.sequencer.admitted
+        piece = 1 + round((now - self._worked_off_at) * WORK_OFF_HZ) + 2 * (admitted - self._admitted_then)
+        self._worked_off_at, self._admitted_then = now, admitted
+        if step is None or not step.behind:
+            return
+        behind, predictions = step.behind, self.predictions
+        try:
+            self._hand_on(step.work_off(min(max(piece, 1), LARGEST_PIECE), learn=self.learn))
+        finally:
+            self.lost += behind - step.behind - (self.predictions - predictions)
+
+    # --- settings and counters ---------------------------------------------------------------------------------
 
     def reconfigure(self, config: Config) -> None:
-        """Pair by other settings from now on; the counters go on."""
+        """Pair by other settings from now on; the counters go on, samples that wait go on waiting."""
         self.flush()
         self.intake.flush()
         self._past = self.counts
-        self._connect(Intake(config), self._estimator)
+        self.intake = Intake(config)
+        self._admitted_then = 0
+        if self._step is not None:
+            self._step.take_from(self.intake)
+        self._connect(self._step)
 
     @property
     def counts(self) -> dict[str, int]:
@@ -118,7 +232,7 @@ class SampleStream:
         return total
 
     def restart(self) -> None:
-        """Drop what waits and let the next sample restart the delay lines; what was learned stays."""
+        """Let the next sample restart the delay lines; what was learned stays."""
         self.flush()
         self.intake.restart()
         self._waiting = self.intake.pairer.waiting
