@@ -161,6 +161,7 @@ def test_start_up_values(graph):
             "learned": {"fir_taps": []},
         },
         arguments=("-p", "seal.density:=900", "-p", "seal.roughness:=3", "-p", "modle.type:=parallel"),
+        units=False,
     )
     assert graph.call_get(NODE, "fir.order") == 4
     assert graph.call_get(NODE, "rls.forgetting_factor") == 1.0
@@ -223,24 +224,24 @@ def test_unusable_arguments_are_one_line(graph):
     assert "broken.yaml" in process.output()
 
 
-def test_a_dump_starts_the_next_node_warm(graph):
-    """What `ros2 param dump` reads and writes, then the same predictions."""
+@pytest.mark.parametrize("units", [True, False])
+def test_a_dump_starts_the_next_node_warm(graph, units):
+    """What `ros2 param dump` reads and writes, then the same predictions; range and units are part of it."""
     import numpy as np
     from geometry_msgs.msg import WrenchStamped
+    from test_ros_node import feed
 
-    stamps, velocity, friction = ros_graph.motion(600, 400.0)
+    stamps, velocity, friction = ros_graph.motion(900, 400.0)
 
     def predictions(stop, **parameters):
-        process = graph.start_node(parameters)
+        process = graph.start_node(parameters, units=units)
         feeder = ros_graph.Feeder(graph)
         heard = graph.hear(WrenchStamped, f"{NODE}/friction_predicted", raw=True)
         feeder.matched()
         graph.heard_by(f"{NODE}/friction_predicted")
         for _ in range(2 if stop else 1):
             before = len(heard)
-            for k, (stamp, v, f) in enumerate(zip(stamps.tolist(), velocity, friction, strict=True)):
-                feeder.pair(stamp, v, f)
-                ros_graph.await_(lambda n=before + k - 20: len(heard) > n, "predictions")
+            feed(feeder, stamps, velocity, friction)
             ros_graph.await_(lambda n=before: len(heard) == n + stamps.size, "predictions")
             if stop:
                 assert graph.call_set(NODE, model__adapt=False).successful
@@ -255,6 +256,7 @@ def test_a_dump_starts_the_next_node_warm(graph):
     assert np.std(first) > 1.0
     text = yaml.dump(dump)  # as ros2 param dump does, empty arrays included
     assert "[]" in text
+    assert bool(dump["learned.force_unit"]) is not units
     again, dump_again = predictions(False, **yaml.safe_load(text))
     assert again == first
     assert dump_again == dump
@@ -294,3 +296,13 @@ def test_parameter_file_is_up_to_date():
     from friction_estimator.files import read_config
 
     assert read_config(CONFIG) == Config()
+
+
+def test_the_papers_own_algorithm():
+    """config/paper.yaml: no companding, the paper's law, no guard; all else as by default."""
+    from friction_estimator.core.settings.config import Config
+    from friction_estimator.files import read_config
+
+    found = read_config(CONFIG.parent / "paper.yaml").to_mapping()
+    changed = {name: value for name, value in found.items() if value != Config().to_mapping()[name]}
+    assert changed == {"model.law": "lms", "basis.companding": 0.0, "lms.guard": False}

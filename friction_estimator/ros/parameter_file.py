@@ -21,7 +21,8 @@ _HEAD = """\
 #   ros2 launch friction_estimator estimator.launch.py config:=estimator.yaml
 #
 # "at once": a change on the running node acts immediately and keeps what was learned; "at ~/reset": it waits for that
-# service. Relative paths are relative to this file. Arrays that are empty by default are commented out.
+# service. Relative paths are relative to this file. What is empty by default is commented out, and what is learned,
+# which `ros2 param dump` of a running node writes.
 """
 
 _TAIL = """\
@@ -43,11 +44,15 @@ def text() -> str:
         indent = "    " + "  " * len(groups)
         if groups and groups[0] != group:
             group = groups[0]
-            empty = all(p.default == () for p in PARAMETERS.values() if p.name.startswith(f"{group}."))
-            lines += ["", f"    {'# ' if empty else ''}{group}:"]  # a bare name would be a parameter without value
+            left_out = all(_left_out(p) for p in PARAMETERS.values() if p.name.startswith(f"{group}."))
+            lines += ["", f"    {'# ' if left_out else ''}{group}:"]  # a bare name would be a parameter without value
         lines += [f"{indent}# {line}" for line in textwrap.wrap(_words(item), 116 - len(indent))]
-        lines.append(f"{indent}{'# ' if item.default == () else ''}{leaf}: {_value(item)}")
+        lines.append(f"{indent}{'# ' if _left_out(item) else ''}{leaf}: {_value(item)}")
     return "\n".join(lines) + "\n" + _TAIL
+
+
+def _left_out(item: Parameter) -> bool:
+    return item.default == () or item.learned
 
 
 def _words(item: Parameter) -> str:
