@@ -104,8 +104,8 @@ def errors_by_cell(basis: Basis, cell: Ints, error: Floats, use: Bools, restart:
 
 def misfit_variance(errors: Floats) -> Floats:
     """Return the power of the errors that are not white, by cell, (cells,); neighbours stand in for empty cells."""
-    power = _filled(errors, POWER)
-    white = NOISE_MARGIN * float(np.quantile(power, NOISE_QUANTILE))
+    power, seen = _filled(errors, POWER), errors[:, COUNT] > 1.0
+    white = NOISE_MARGIN * float(np.quantile(power[seen] if seen.any() else power, NOISE_QUANTILE))
     coloured = _filled(errors, PRODUCT) - power / np.sqrt(MEMORY)  # less its standard error: white noise is no misfit
     power = np.maximum(np.maximum(coloured, power - white), 0.0)
     return np.asarray(MISFIT_FACTOR * maximum_filter1d(power, 2 * NEIGHBOURS + 1, mode="nearest"))

@@ -37,6 +37,9 @@ LEAST_MOTION = 0.1
 ALONE = 20
 """Samples of largest speed of which the slowest is compared with the fastest: a wild value is no speed."""
 
+ALONE_ABOVE = 2.0
+"""Times the speed of those others above which it is one."""
+
 MARGIN = 1.05
 """Ranges reach this much beyond the largest velocity."""
 
@@ -163,7 +166,7 @@ def shown(samples: Samples) -> bool:
         return False
     level = REVERSAL_LEVEL * top
     if level > noise:
-        side = np.sign(velocity[speed >= level])
+        side = np.sign(velocity[(speed >= level) & (speed <= ALONE_ABOVE * top)])
         if np.count_nonzero(np.diff(side)) >= REVERSALS:
             return True
     moving = np.count_nonzero(speed > max(noise, LEAST_MOTION * top))
@@ -220,7 +223,7 @@ def robust_top(speed: Floats) -> float:
     alone = min(ALONE, max(1, speed.size // 50))
     usual = float(np.partition(speed, speed.size - alone)[speed.size - alone])
     top = float(speed.max())
-    return usual if top > 2.0 * usual > 0.0 else top
+    return usual if top > ALONE_ABOVE * usual > 0.0 else top
 
 
 def usual_magnitude(friction_N: Floats) -> float:
