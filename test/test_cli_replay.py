@@ -53,7 +53,7 @@ def test_json_has_every_key_of_the_contract(capsys):
     assert result["nrmse_frozen"] is None
     assert result["nrmse_final"] < 0.05 < result["nrmse_persistence"]
     assert result["fit_percent"] == pytest.approx(100 * (1 - result["nrmse_final"]))
-    assert len(result["nrmse_by_cycle"]) in (20, 21, 22)
+    assert len(result["nrmse_by_cycle"]) == 10  # tenths: three drives have no cycle in common
     assert not result["diverged"]
 
 

@@ -1,11 +1,15 @@
-"""`make demo`, whole: two processes over DDS, every sample predicted, results written."""
+"""`make demo`, whole: two processes over DDS, every sample predicted, results written, the curve that of the plant."""
 
 import json
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from friction_estimator.core.settings.config import SealConfig
+from friction_estimator.rig.plant import PLANTS
 
 ROOT = Path(__file__).parents[1]
 LIMIT_S = 180
@@ -26,6 +30,18 @@ def test_the_demonstration_predicts_every_sample_of_a_recording(tmp_path):
     summary = json.loads((out / "summary.json").read_text())
     assert summary["predictions"] == summary["samples"]["used"] == 4400
     assert summary["live_equals_replay"]
-    assert summary["nrmse_final"] < 0.10
+    assert summary["nrmse_final"] < 0.05
     assert summary["duration_s"] > 20.0
     assert {p.name for p in out.iterdir()} >= {"bag", "figures", "report.html", "summary.json"}
+
+    curve = {name: np.array(summary["curve"][name]) for name in ("velocity_m_s", "friction_N", "low_N", "high_N")}
+    own = steady_state(curve["velocity_m_s"], summary["curve"]["pressure_Pa"], summary["curve"]["temperature_degC"])
+    error = curve["friction_N"] - own
+    assert np.sqrt(np.mean(error**2)) < 0.02 * np.std(own)
+    assert np.mean((curve["low_N"] <= own) & (own <= curve["high_N"])) > 0.95
+
+
+def steady_state(velocity, pressure_Pa, temperature_degC):
+    """Return the friction of the rig's own plant at constant velocity, N."""
+    plant = PLANTS["rig"](SealConfig(), 1000.0)
+    return plant.curve.evaluate(velocity, *(np.full(velocity.size, value) for value in (pressure_Pa, temperature_degC)))

@@ -26,8 +26,6 @@ from friction_estimator.core.metrics import nrmse
 from friction_estimator.core.online.replay import replay
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.derive import with_recorded_units
-from friction_estimator.files import write_config
 from friction_estimator.ros.listener import Listener
 
 LIMIT_S = 60.0
@@ -70,24 +68,13 @@ def demonstrate(args: argparse.Namespace) -> int:
     recording = read_recording(args.bag)
     admitted = to_samples(recording, Config())
     samples = admitted.samples
-    config = with_recorded_units(Config(), samples.velocity_m_s, samples.friction_N)
+    config = Config()  # none at all: the first samples say what the node has to know
     with tempfile.TemporaryDirectory(prefix="friction_estimator-demo-") as folder:
         # A domain of its own: a running robot must not hear the demonstration, nor be heard in it.
         os.environ["ROS_DOMAIN_ID"] = str(STRANGE_DOMAINS[os.getpid() % len(STRANGE_DOMAINS)])
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
         os.environ.setdefault("ROS_LOG_DIR", str(Path(folder) / "log"))
-        start = Path(folder) / "start.yaml"
-        write_config(start, config)
-        node = [
-            sys.executable,
-            "-m",
-            "friction_estimator.ros.node",
-            "--ros-args",
-            "--params-file",
-            str(start),
-            *QUIET,
-            *RELIABLE,
-        ]
+        node = [sys.executable, "-m", "friction_estimator.ros.node", "--ros-args", *QUIET, *RELIABLE]
         play = [sys.executable, "-m", "friction_estimator", "play", args.bag, "--rate", str(args.rate)]
         print(f"live node   {config.model.type} model, law {config.model.law}")
         print(f"recording   {args.bag}: {len(samples)} samples in {samples.time_s[-1]:.1f} s, played at {args.rate:g}x")
