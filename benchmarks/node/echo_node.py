@@ -23,12 +23,15 @@ def main(executor_kind: str, message_kind: str) -> None:
     qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
     predicted = node.create_publisher(WrenchStamped, "~/friction_predicted", qos)
     residual = node.create_publisher(WrenchStamped, "~/residual", qos)
+    stddev = node.create_publisher(WrenchStamped, "~/friction_stddev", qos)
+    node.create_publisher(Float64MultiArray, "~/friction_curve", 1)
     for name in ("fir_taps", "theory_taps", "wavelet_weights"):
         node.create_publisher(Float64MultiArray, f"~/parameters/{name}", 10)
 
     def echo(message: object) -> None:
         predicted.publish(message)
         residual.publish(message)
+        stddev.publish(message)
 
     def pass_over(message: object) -> None:
         pass

@@ -31,7 +31,7 @@ def main() -> None:
                 f"qos_overrides./{side}/{t}.subscription.reliability": "reliable" for t in ("velocity", "friction")
             }
             state = {"state.file": str(made.folder / f"{side}.json"), "state.period": 5.0}
-            nodes[side] = made.start_node({**topics, **state}, namespace=f"/{side}")
+            nodes[side] = made.start_node({**topics, **state}, namespace=f"/{side}", units=False)
             heard[side] = made.hear(WrenchStamped, f"/{side}/friction_estimator/friction_predicted", raw=True)
         bag = str(ROOT / "bags" / "demo")
         sent = {side: made.hear(WrenchStamped, f"/{side}/friction", raw=True) for side in sides}

@@ -17,7 +17,7 @@ from ros_graph import Feeder, force, graph
 def main() -> None:
     argparse.ArgumentParser(description=__doc__).parse_args()
     with graph(Path(tempfile.mkdtemp())) as made:
-        process = made.start_node(deep=False)
+        process = made.start_node(deep=False, units=False)
         heard = made.hear(WrenchStamped, PREDICTED, raw=True)
         feeder = Feeder(made)
         feeder.matched()

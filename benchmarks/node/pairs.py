@@ -15,19 +15,19 @@ one_thread()  # as the node does, or the replay beside it differs in last bits
 
 import numpy as np
 from common import HERE, Load, rows, write_section
-from ros_graph import RELIABLE, Graph, Process, graph
+from ros_graph import RELIABLE, UNITS, Graph, Process, graph
 
 from friction_estimator.core.intake.admission import Intake
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.derive import with_live_units
+from friction_estimator.core.settings.units import meet
 
 
 def start(made: Graph, variant: str) -> Process:
     if variant == "node":
         return made.start_node(deep=False)
     if variant == "node, stock executor":
-        ros = [word for name, value in RELIABLE.items() for word in ("-p", f"{name}:={value}")]
+        ros = [word for name, value in (RELIABLE | UNITS).items() for word in ("-p", f"{name}:={value}")]
         process = made.start(str(HERE / "stock_node.py"), "--ros-args", *ros)
     else:
         kind, executor = variant.removeprefix("echo, ").split(", ")
@@ -37,9 +37,9 @@ def start(made: Graph, variant: str) -> Process:
 
 
 def replayed(stamps: np.ndarray, velocity: np.ndarray, friction: np.ndarray) -> np.ndarray:
-    config = with_live_units(Config())
     events = np.stack([velocity, friction], 1).ravel()
-    return Estimator(config).run(Intake(config).push(np.tile([0, 1], stamps.size), np.repeat(stamps, 2), events))
+    samples = Intake(Config()).push(np.tile([0, 1], stamps.size), np.repeat(stamps, 2), events)
+    return Estimator(meet(Config(), samples).config).run(samples)
 
 
 def main() -> None:
@@ -58,7 +58,7 @@ def main() -> None:
                 process = start(made, variant)
                 results[variant].append(load.run(process, args.rate, args.round_seconds))
                 process.stop()
-        process = start(made, "node")
+        process = made.start_node(deep=False, units=False)
         long = load.run(process, args.rate, args.seconds)
         code = process.stop()
     expected = replayed(long["stamps"], long["velocity"], long["friction"])
@@ -87,7 +87,8 @@ def main() -> None:
         f"{args.rate:g} Hz pairs, rounds of {args.round_seconds:g} s in turns, medians of {args.rounds}, law rls, "
         "model parallel, reliable on both sides.\n\n"
         + rows(header, lines)
-        + f"\n\nThe node for {args.seconds:g} s (the load took {long['took_s']:.1f} s): {long['received']} predictions "
+        + f"\n\nThe node without configuration for {args.seconds:g} s (the load took {long['took_s']:.1f} s): "
+        f"{long['received']} predictions "
         f"of {long['sent']} samples, in order: {long['in_order']}, bit-equal to replay: {equal}, exit code {code}.",
     )
 
