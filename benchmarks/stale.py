@@ -1,7 +1,7 @@
 """List pages of figures that are older than the rooms they measure: `make stale`.
 
-A page names the commit it was measured at in its first lines ("Commit 1a2b3c4, `command`."). It is stale where a file of
-its rooms changed in a later commit. Pages without a commit are listed as such.
+A page names the commit it was measured at in its first lines ("Commit 1a2b3c4, `command`."). It is stale where a file
+of its rooms changed in a later commit. Pages without a commit are listed as such.
 """
 
 import re

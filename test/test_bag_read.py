@@ -22,7 +22,8 @@ from friction_estimator.bag.write import TOPICS, write_samples, writing
 from friction_estimator.core.errors import FrictionEstimatorError, InputError, UnanswerableError
 from friction_estimator.core.intake.pairing import FRICTION, PRESSURE, VELOCITY
 from friction_estimator.core.sample import NS_PER_S, Samples
-from friction_estimator.core.settings.config import Config, InputConfig
+from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.groups import InputConfig
 
 START = 1_700_000_000 * NS_PER_S
 MS = 1_000_000

@@ -24,7 +24,7 @@ from friction_estimator.core.model.basis import WaveletBasis
 from friction_estimator.core.online.adaptation import LAWS
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.sample import Samples
-from friction_estimator.core.settings.config import BasisConfig
+from friction_estimator.core.settings.groups import BasisConfig
 
 SMALL = {"fir__order": 2, "basis__finest_level": 0}
 BASIS = WaveletBasis(BasisConfig(), (-0.1, 0.1))

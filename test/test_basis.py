@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.model.basis import BASES, WaveletBasis, basis_from_config, dyadic_table
-from friction_estimator.core.settings.config import PARAMETERS, BasisConfig, Config
+from friction_estimator.core.settings.config import PARAMETERS, Config
+from friction_estimator.core.settings.groups import BasisConfig
 
 ORDERS = range(1, 9)
 

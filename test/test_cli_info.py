@@ -12,7 +12,7 @@ from friction_estimator.bag.statistics import describe, moving_speeds
 from friction_estimator.bag.write import TOPICS, write_samples, writing
 from friction_estimator.cli.main import main
 from friction_estimator.core.sample import NS_PER_S, Samples
-from friction_estimator.core.settings.config import SyncConfig
+from friction_estimator.core.settings.groups import SyncConfig
 
 START = 1_700_000_000 * NS_PER_S
 MS = 1_000_000

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from friction_estimator.core.intake.admission import Intake
 from friction_estimator.core.intake.pairing import FRICTION, POSITION, PRESSURE, VELOCITY, Pairer, Sequencer
-from friction_estimator.core.settings.config import Config, SyncConfig
+from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.groups import SyncConfig
 
 MS = 1_000_000
 

@@ -9,7 +9,7 @@ from synthetic import MODELS, samples_of, sine
 from friction_estimator.core.fit.batch import predict
 from friction_estimator.core.model.prior import Prior, decaying
 from friction_estimator.core.model.structure import Model
-from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.config import PARAMETERS, Config
 
 
 def model_of(model_type="parallel", **changes):
@@ -32,23 +32,24 @@ def test_impulse_responses_die_out_and_their_kernel_is_positive_definite(taps, d
     assert np.linalg.eigvalsh(correlation(kernel)).min() > 0.9 * (1.0 - root) / (1.0 + root)
 
 
-@settings(max_examples=40, deadline=None)
-@given(
-    st.fixed_dictionaries(
-        {
-            "prior.weight_deviation": st.floats(1e-6, 1e6),
-            "prior.weight_slope": st.floats(0.0, 8.0),
-            "prior.tap_deviation": st.floats(1e-6, 1e3),
-            "prior.theory_tap_deviation": st.floats(1e-6, 1e3),
-            "prior.tap_decay": st.floats(0.01, 0.9999),
-            "prior.rest_deviation": st.floats(1e-6, 1e6),
-            "prior.residual_deviation": st.floats(1e-6, 1e3),
-            "fir.order": st.sampled_from([0, 8]),
-        }
-    )
+def log_uniform(low, high):
+    return st.floats(np.log(low), np.log(high)).map(lambda x: float(np.clip(np.exp(x), low, high)))
+
+
+ANY_PRIOR = st.fixed_dictionaries(
+    {
+        name: log_uniform(item.low, item.high) if item.low > 0.0 else st.floats(item.low, item.high)
+        for name, item in PARAMETERS.items()
+        if name.startswith("prior.")
+    }
+    | {"fir.order": st.sampled_from([0, 1, 8]), "model.type": st.sampled_from(MODELS)}
 )
+
+
+@settings(max_examples=60, deadline=None)
+@given(ANY_PRIOR)
 def test_whatever_is_set_the_prior_is_positive_definite_and_its_information_the_inverse(values):
-    prior = Prior.of(model_of(**{name.replace(".", "__"): value for name, value in values.items()}))
+    prior = Prior.of(Model(model_of().config.updated(values)))
     scale = prior.deviation
     assert np.all(scale > 0.0)
     np.testing.assert_array_equal(prior.covariance, prior.covariance.T)
@@ -95,11 +96,26 @@ def test_deviations_fall_with_the_level_by_the_slope(slope):
     assert np.all(deviation[at_rest] <= expected[at_rest] * (1 + 1e-12))  # knowing g(0) only takes away
 
 
-def test_taps_have_the_deviations_that_are_set():
-    model = model_of(prior__tap_deviation=0.2, prior__theory_tap_deviation=0.5, prior__tap_decay=0.64, fir__order=2)
-    parts = model.split(Prior.of(model).deviation)
-    np.testing.assert_allclose(parts.fir_taps, 0.2 * 0.8 ** np.arange(3))
-    np.testing.assert_allclose(parts.theory_taps, 0.5 * 0.8 ** np.arange(3))
+def test_taps_behind_g_have_the_deviations_that_are_set():
+    model = model_of("hammerstein", prior__tap_deviation=0.2, prior__tap_decay=0.64, fir__order=2)
+    np.testing.assert_allclose(model.split(Prior.of(model).deviation).fir_taps, 0.2 * 0.8 ** np.arange(3))
+
+
+@given(log_uniform(1e-3, 1e3), log_uniform(1e-3, 1e3), log_uniform(1e-3, 10.0), st.floats(0.5, 0.99))
+def test_static_gains_of_the_parallel_model_have_the_deviations_that_are_set(gain, theory_gain, shape, decay):
+    """Apart from the shape of the impulse responses: the taps' sum is as uncertain as was asked for."""
+    model = model_of(
+        prior__gain_deviation=gain,
+        prior__theory_gain_deviation=theory_gain,
+        prior__tap_deviation=shape,
+        prior__tap_decay=decay,
+    )
+    covariance = Prior.of(model).covariance
+    taps, weights = (int(n) for n in model.shape[:2])
+    for begin, expected in ((0, gain), (taps + weights, theory_gain)):
+        block = covariance[begin : begin + taps, begin : begin + taps]
+        rounding = 1e-3 * np.sqrt(np.abs(block).sum())
+        assert np.sqrt(block.sum()) == pytest.approx(expected, rel=1e-3, abs=rounding)
 
 
 @pytest.mark.parametrize("model_type", MODELS)

@@ -8,7 +8,8 @@ from friction_estimator.core.fit.moments import gather
 from friction_estimator.core.fit.variable_projection import refine
 from friction_estimator.core.model.structure import Model
 from friction_estimator.core.model.theory_seal import SealCurve
-from friction_estimator.core.settings.config import Config, SealConfig
+from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.groups import SealConfig
 from friction_estimator.core.settings.units import chosen
 from friction_estimator.rig.drive import CONDITIONS, segment
 from friction_estimator.rig.plant import CLEAN_TAPS, PLANTS, CleanPlant, RigPlant

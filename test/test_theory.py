@@ -13,7 +13,8 @@ from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.model.theory import THEORIES, theory_from_config
 from friction_estimator.core.model.theory_seal import SealCurve
 from friction_estimator.core.model.theory_table import COLUMNS
-from friction_estimator.core.settings.config import PARAMETERS, Config, SealConfig
+from friction_estimator.core.settings.config import PARAMETERS, Config
+from friction_estimator.core.settings.groups import SealConfig
 
 anything = arrays.arrays(np.float64, 7, elements=st.floats(-1e9, 1e9) | st.sampled_from([math.nan, math.inf, 0.1]))
 

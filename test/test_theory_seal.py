@@ -11,7 +11,8 @@ from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.model.oil import checked_temperature, kinematic_viscosity, walther_coefficients
 from friction_estimator.core.model.theory import theory_from_config
 from friction_estimator.core.model.theory_seal import SealCurve
-from friction_estimator.core.settings.config import PARAMETERS, Config, SealConfig
+from friction_estimator.core.settings.config import PARAMETERS, Config
+from friction_estimator.core.settings.groups import SealConfig
 
 PSI = 6894.757293168
 DEFAULT = SealConfig()

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from friction_estimator.core.sample import Floats
-from friction_estimator.core.settings.config import SealConfig
+from friction_estimator.core.settings.groups import SealConfig
 from friction_estimator.effects import EFFECTS, Effect, compose
 from friction_estimator.rig.drive import Segment, segment
 from friction_estimator.rig.plant import PLANTS

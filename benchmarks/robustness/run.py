@@ -24,7 +24,7 @@ from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import chosen
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
-import provenance  # noqa: E402 - beside the folders of the benchmarks
+import provenance
 
 HERE = Path(__file__).parent
 BLOCK = 200_000

@@ -22,7 +22,7 @@ from friction_estimator.bag.topics import JOINT_STATES, REQUIRED, Probe, assign
 from friction_estimator.core.errors import FrictionEstimatorError, InputError, UnanswerableError
 from friction_estimator.core.intake.pairing import STREAMS
 from friction_estimator.core.sample import Floats, Ints
-from friction_estimator.core.settings.config import InputConfig
+from friction_estimator.core.settings.groups import InputConfig
 
 _TIE_ORDER = ("pressure", "temperature", "position", "velocity", "friction")
 """Order of messages recorded at the same time: what a sample needs comes before what completes it."""

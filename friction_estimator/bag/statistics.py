@@ -6,7 +6,7 @@ import numpy as np
 
 from friction_estimator.bag.read import Stream
 from friction_estimator.core.sample import NS_PER_S, Floats
-from friction_estimator.core.settings.config import SyncConfig
+from friction_estimator.core.settings.groups import SyncConfig
 
 MOVING = 0.15
 """Share of the top speed above which the shaft counts as moving."""

@@ -10,7 +10,7 @@ from numba import njit
 from friction_estimator.core.model.theory_seal import SealCurve
 from friction_estimator.core.registry import Registry
 from friction_estimator.core.sample import Floats
-from friction_estimator.core.settings.config import SealConfig
+from friction_estimator.core.settings.groups import SealConfig
 from friction_estimator.effects.trace import Trace
 
 Law = Callable[[Trace], Floats]

@@ -12,7 +12,8 @@ from friction_estimator.core.intake.pairing import FRICTION, POSITION, PRESSURE,
 from friction_estimator.core.model.oil import checked_temperature
 from friction_estimator.core.model.theory_seal import SealCurve
 from friction_estimator.core.sample import Floats, Ints, Samples
-from friction_estimator.core.settings.config import Config, SealConfig
+from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.groups import SealConfig
 from friction_estimator.effects import STAGES, Effect, Trace, compose
 from friction_estimator.rig.drive import Segment, celsius, run_drive
 from friction_estimator.rig.plant import PLANTS, Law

@@ -18,7 +18,7 @@ from std_msgs.msg import Float64
 from friction_estimator.bag.messages import EXTRACTORS, Decoder, LayoutError, NoValueError, Want
 from friction_estimator.core.intake.pairing import FRICTION, STREAMS, VELOCITY
 from friction_estimator.core.sample import NS_PER_S
-from friction_estimator.core.settings.config import InputConfig
+from friction_estimator.core.settings.groups import InputConfig
 from friction_estimator.ros.quality import input_qos, with_overrides
 from friction_estimator.ros.receipt import ReceiptPairing
 from friction_estimator.ros.wire import NO_FRAME, frame_in

@@ -7,7 +7,7 @@ from typing import Any
 
 from friction_estimator.core.errors import ConfigError, FrictionEstimatorError, InputError
 from friction_estimator.core.online.estimator import Estimator
-from friction_estimator.core.settings.config import StateConfig
+from friction_estimator.core.settings.groups import StateConfig
 from friction_estimator.ros.state import dumps, read_state, set_aside, sweep, write_state
 
 

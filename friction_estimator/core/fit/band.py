@@ -30,7 +30,7 @@ MEMORY = 64.0
 POINTS = 401
 """Of a curve."""
 
-MISFIT_FACTOR = 2.0
+MISFIT_FACTOR = 2.5
 """A misfit counts for this many times its power on another drive: on the one that was learned, taps and curve were bent
 to hide it (benchmarks/transfer)."""
 

@@ -16,7 +16,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Ints
-from friction_estimator.core.settings.config import SyncConfig
+from friction_estimator.core.settings.groups import SyncConfig
 
 VELOCITY, FRICTION, PRESSURE, TEMPERATURE, POSITION = range(5)
 """Stream numbers of `Pairer.push`; the last three are held channels."""

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.registry import Registry
 from friction_estimator.core.sample import Floats
-from friction_estimator.core.settings.config import BasisConfig, Config
+from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.groups import BasisConfig
 
 UNITS_PER_RANGE = 16.0
 """Basis units in the velocity range where basis.velocity_unit is not set."""

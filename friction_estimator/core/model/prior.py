@@ -1,13 +1,16 @@
 """What is believed of a model before any sample: one Gaussian, shared by rls, the batch fit and nlms' metric.
 
-    A  ~ N(e0, S),  A1 ~ N(e0, S1),   S_ij = deviation^2 decay^max(i, j)          (TC kernel: Chen, Ohlsson, Ljung 2012)
+    Hammerstein    A ~ N(e0, S),   S_ij = deviation^2 decay^max(i, j)
+    parallel       A, A1 ~ N(e0, S/6 given that the taps sum to 1) + N(0, gain^2) e0
     W  ~ N(0, diag(d_m^2)) given g(0) ~ 0,   d_m = deviation 2^(slope (m - M))
-    C  ~ N(0, 1)
+    C  ~ N(0, 100^2)
 
-with e0 = [1, 0, ..]: H and H1 pass their input through, impulse responses die out smoothly (Pillonetto and De Nicolao
-2010), g is smooth, and where nothing was seen nothing is learned. `rest_deviation` says how exactly g vanishes at
-standstill: a film that lags bends the curve there, and on a drive that rests half of the time such an offset would be
-the whole error.
+with e0 = [1, 0, ..] and S the TC kernel (Chen, Ohlsson and Ljung 2012): H and H1 pass their input through, impulse
+responses die out smoothly (Pillonetto and De Nicolao 2010), g is smooth, and where nothing was seen nothing is learned.
+In the parallel model, where two filters share the dynamics, static gains are held apart from the shapes: the scale of
+the curve belongs to g and to the theory's gain, and taps that sum to more than one are what fast reversals teach and
+slow ones suffer from. `rest_deviation` says how exactly g vanishes at standstill: a film that lags bends the curve
+there, and on a drive that rests half of the time such an offset would be the whole error.
 
 The misfit of a model repeats with the drive and is no white noise, so `residual_deviation` is several times what is
 left over: a thousand samples of one sine say little more than a hundred (docs/decisions/0003-one-prior.md).
@@ -22,9 +25,14 @@ from scipy.linalg import block_diag
 from friction_estimator.core.model.structure import Model
 from friction_estimator.core.sample import Floats
 
-LEAST_REST = 1e-9
-"""Least share of the variance of g at standstill that `rest_deviation` leaves: below, rounding would make the
-covariance indefinite."""
+LEAST_SHARE = 1e-9
+"""Least share of a variance that conditioning leaves: below, rounding would make the covariance indefinite."""
+
+PARALLEL_SHARE = 0.4
+"""Of `prior.tap_deviation` in the parallel model: both filters act on the same reversals."""
+
+EXTENSION_DEVIATION = 100.0
+"""Of a coefficient of an extension term, in the term's own unit: a diagnosis measured it, the data say the rest."""
 
 
 @dataclass(frozen=True)
@@ -54,18 +62,17 @@ class Prior:
         deviation = settings.weight_deviation * model.basis.prior_scale(settings.weight_slope)
         rest = model.basis.rows(np.zeros(1))
         at_rest = np.zeros(weights)
-        at_rest[rest[0][0]] = rest[1][0]
-        # Conditioned on g(0) = at_rest' W = 0 with variance rest_deviation^2: one scalar update.
-        along = deviation**2 * at_rest
-        open_power = float(at_rest @ along)
-        power = open_power + max(settings.rest_deviation**2, LEAST_REST * open_power)
-        inside = model.basis.reach[0] <= 0.0 <= model.basis.reach[1]
-        nonlinear = np.diag(deviation**2) - (np.outer(along, along) / power if inside else 0.0)
+        if model.basis.reach[0] <= 0.0 <= model.basis.reach[1]:
+            at_rest[rest[0][0]] = rest[1][0]
+        nonlinear = conditioned(np.diag(deviation**2), at_rest, settings.rest_deviation)
+        shared, decay = PARALLEL_SHARE * settings.tap_deviation, settings.tap_decay
         covariance = block_diag(
-            decaying(taps, settings.tap_deviation, settings.tap_decay),
+            impulse_response(taps, shared, decay, settings.gain_deviation)
+            if theory_taps
+            else decaying(taps, settings.tap_deviation, decay),
             nonlinear,
-            decaying(theory_taps, settings.theory_tap_deviation, settings.tap_decay),
-            np.eye(extensions),
+            impulse_response(theory_taps, shared, decay, settings.theory_gain_deviation),
+            EXTENSION_DEVIATION**2 * np.eye(extensions),
         )
         return cls(mean, np.asarray(covariance, np.float64), settings.residual_deviation**2)
 
@@ -84,6 +91,30 @@ class Prior:
     def deviation(self) -> Floats:
         """Prior standard deviation of each parameter, (n,)."""
         return np.sqrt(np.diag(self.covariance))
+
+
+def conditioned(covariance: Floats, direction: Floats, deviation: float) -> Floats:
+    """Return the covariance once direction' x was found to be 0 with this standard deviation, (n, n)."""
+    along = covariance @ direction
+    before = float(direction @ along)
+    power = before + max(deviation**2, LEAST_SHARE * before)
+    return np.asarray(covariance - np.outer(along, along) / power if before > 0.0 else covariance)
+
+
+def impulse_response(taps: int, deviation: float, decay: float, gain_deviation: float) -> Floats:
+    """Return the covariance of FIR taps, (taps, taps): decaying, with a static gain known apart from their shape.
+
+    The TC kernel given that the taps sum to 0, plus the gain's variance on the first tap.
+
+    >>> np.round(impulse_response(2, 1.0, 0.5, 0.3), 2)
+    array([[ 0.19, -0.1 ],
+           [-0.1 ,  0.1 ]])
+    """
+    if not taps:
+        return np.zeros((0, 0))
+    shape = conditioned(decaying(taps, deviation, decay), np.ones(taps), 0.0)
+    shape[0, 0] += gain_deviation**2
+    return shape
 
 
 def decaying(taps: int, deviation: float, decay: float) -> Floats:

@@ -13,7 +13,7 @@ from friction_estimator.core.model.oil import (
     walther_coefficients,
 )
 from friction_estimator.core.sample import Floats, Ints
-from friction_estimator.core.settings.config import SealConfig
+from friction_estimator.core.settings.groups import SealConfig
 
 LOWEST_GAUGE_PRESSURE_PA = -1.1e5  # below vacuum at sea level nothing is sealed
 HIGHEST_GAUGE_PRESSURE_PA = 1e9

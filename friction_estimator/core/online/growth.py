@@ -52,12 +52,14 @@ def carried_over(work: Workspace, before: Model, after: Model, prior: Prior) -> 
     shift = before.basis.first_cell - after.basis.first_cell
     errors = np.zeros((after.basis.cell_count, 3))
     errors[shift : shift + before.basis.cell_count] = work.errors
-    root, information, prior_root, mean = work.root, work.information, work.prior_root, work.mean
+    root, information, prior_root, mean, owed = work.root, work.information, work.prior_root, work.mean, work.owed
     if work.root.size:
         fresh = np.setdiff1d(np.arange(after.size), kept)
         root = np.zeros((after.size, after.size))
         root[np.ix_(kept, kept)] = work.root
         root[fresh, fresh] = prior.deviation[fresh] / np.sqrt(prior.residual_variance)
+        owed = np.zeros(after.size)
+        owed[kept] = work.owed
         arrays = prior_arrays(prior)
         information, prior_root, mean = arrays["information"], arrays["prior_root"], arrays["mean"]
     theta[taps : taps + new] = _edge_held(theta[taps : taps + new], place, before, after, prior)
@@ -72,6 +74,7 @@ def carried_over(work: Workspace, before: Model, after: Model, prior: Prior) -> 
         mean=mean,
         information=information,
         prior_root=prior_root,
+        owed=owed,
     )
 
 
@@ -122,6 +125,7 @@ def cold_start(model: Model, prior: Prior, metric: Floats, covariance: bool, con
         ring_theory=np.zeros(max(1, theory_taps)),
         root=arrays["prior_root"].copy(),
         prior=metric,
+        owed=np.zeros(model.size if covariance else 0),
         law=constants,
         moments=at.cold_moments(),
         status=at.cold_status(may_grow=not model.config.basis.velocity_range),

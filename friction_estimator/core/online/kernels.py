@@ -47,8 +47,13 @@ LEAST_POWER = 1e-12
 LEAST_EXCITATION, LARGEST_EXCITATION = 1e-14, 1e14
 """rls learns from samples whose x' P x lies between: below there is nothing to learn, above rounding would rule."""
 
-PULL_EVERY, LARGEST_PULL = 64, 0.5
-"""Samples between two pulls towards the prior, and the largest one: above 1 it would overshoot."""
+KNOWN_LEVERAGE = 0.1
+"""Errors where x' P x is larger tell of what was not learned yet, not of what cannot be: the band leaves them out."""
+
+PULL_EVERY, LARGEST_PULL, PAID_AT_ONCE = 64, 0.5, 1.0 / 256.0
+"""Samples between two pulls towards the prior, and the largest one: above 1 it would overshoot. After an alarm a
+256th of what is owed is paid at each, in 16,384 samples: by then what the drive visits is learned anew, and only the
+rest goes back to the prior."""
 
 GROW_AFTER = 20
 """Samples in a row beyond an edge of the range after which it grows: a wild velocity is alone."""
@@ -174,10 +179,11 @@ def _project(root, x, projected):  # type: ignore[no-untyped-def] # pragma: no c
 
 
 @njit(cache=True)
-def _watch(root, prior_root, moments, status, clipped, expected):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def _watch(theta, mean, owed, root, prior_root, moments, status, clipped, expected):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Raise the alarm where the running error rises far above its quiet level: the friction has changed abruptly.
 
-    The covariance is set back to the prior once; the parameters stay and are learned anew from where they are. Errors
+    The covariance is set back to the prior once; the parameters stay and are learned anew from where they are. The
+    prior is about its mean, though, and not about where they happened to be: the difference is `owed` to it. Errors
     at velocities that are not known yet (`expected`, their variance rho x' P x, is large) are no surprise.
     """
     quiet = moments[at.QUIET_POWER]
@@ -189,8 +195,11 @@ def _watch(root, prior_root, moments, status, clipped, expected):  # type: ignor
         moments[at.ALARM] = 1.0
         moments[at.TOLERANCE] *= TOLERANCE_RISE
         moments[at.ABSORBED] = moments[at.PULL] = 0.0
+        moments[at.OWED] = 1.0
         status[at.ALARMED] += 1
         root[:, :] = prior_root
+        for i in range(theta.size):
+            owed[i] = theta[i] - mean[i]
     elif ratio < CALM_RATIO * ALARM_RATIO:
         moments[at.ALARM] = 0.0
 
@@ -237,15 +246,20 @@ def _learn_rls(shape, theta, ring, law, moments, status, root, x, error, clipped
 
 
 @njit(cache=True)
-def _pull(theta, root, mean, information, moments, status, projected, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """theta -= pull P R_prior (theta - mean): what the prior says of the samples that replaced others."""
+def _pull(theta, root, mean, information, owed, moments, status, projected, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """theta -= P R_prior (pull (theta - mean) + share owed): what the prior says of the samples that replaced others.
+
+    What is owed since an alarm is paid in parts, so that the prediction does not jump.
+    """
     share = min(moments[at.PULL], LARGEST_PULL)
+    part = min(PAID_AT_ONCE, moments[at.OWED])
     moments[at.PULL] = 0.0
-    if share <= 0.0:
+    moments[at.OWED] -= part
+    if share + part <= 0.0:
         return
     n = theta.size
     for i in range(n):
-        gain[i] = theta[i] - mean[i]
+        gain[i] = share * (theta[i] - mean[i]) + part * owed[i]
     for j in range(n):
         projected[j] = 0.0
     for i in range(n):
@@ -254,7 +268,7 @@ def _pull(theta, root, mean, information, moments, status, projected, gain):  # 
             projected[j] += root[i, j] * force
     for i in range(n):
         gain[i] = _dot(root[i], projected)
-    _step_along(theta, gain, -share, status)
+    _step_along(theta, gain, -1.0, status)
 
 
 @njit(cache=True)
@@ -297,6 +311,7 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     mean,
     information,
     prior_root,
+    owed,
     law,
     moments,
     status,
@@ -341,11 +356,15 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
         deviation[k] = np.sqrt(variance + outside * outside)
         limit = CLIP * np.sqrt(moments[at.ERROR_POWER])
         clipped = min(max(error, -limit), limit)
-        moments[at.ERROR_POWER] += (clipped * clipped - moments[at.ERROR_POWER]) / ERROR_MEMORY
-        moments[at.ERROR_POWER] = max(moments[at.ERROR_POWER], LEAST_POWER)
-        quiet = moments[at.QUIET_POWER]
-        surprise = min(clipped * clipped, LARGEST_SURPRISE * quiet) - quiet
-        moments[at.QUIET_POWER] = max(quiet + surprise / (QUIET_FALL if surprise < 0.0 else QUIET_RISE), LEAST_POWER)
+        moving = abs(velocity[k]) > law[at.LEAST_SPEED]
+        if moving:
+            moments[at.ERROR_POWER] += (clipped * clipped - moments[at.ERROR_POWER]) / ERROR_MEMORY
+            moments[at.ERROR_POWER] = max(moments[at.ERROR_POWER], LEAST_POWER)
+            quiet = moments[at.QUIET_POWER]
+            surprise = min(clipped * clipped, LARGEST_SURPRISE * quiet) - quiet
+            moments[at.QUIET_POWER] = max(
+                quiet + surprise / (QUIET_FALL if surprise < 0.0 else QUIET_RISE), LEAST_POWER
+            )
         if beyond[k] > 0.0:
             status[at.OUTSIDE] += 1
             status[at.FOLLOWS] = 0
@@ -358,9 +377,12 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
             status[at.FOLLOWS] = 0
             continue
         status[at.LEARNED] += 1
-        note_error(errors, cell[k], clipped, moments[at.LAST_ERROR], status[at.FOLLOWS] == 1 and not begins)
-        moments[at.LAST_ERROR] = clipped
-        status[at.FOLLOWS] = 1
+        if r < KNOWN_LEVERAGE:
+            note_error(errors, cell[k], clipped, moments[at.LAST_ERROR], status[at.FOLLOWS] == 1 and not begins)
+            moments[at.LAST_ERROR] = clipped
+            status[at.FOLLOWS] = 1
+        else:
+            status[at.FOLLOWS] = 0
         if law_number == LMS:
             _learn_lms(shape, theta, law, moments, status, x, error)
             continue
@@ -369,9 +391,10 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
         if law_number == NLMS:
             _learn_nlms(shape, theta, ring, law, status, prior, x, clipped, gain)
             continue
-        if law[at.LEAST_LEVERAGE] > 0.0:
+        if law[at.LEAST_LEVERAGE] > 0.0 and moving:
             before = status[at.ALARMED]
-            _watch(root, prior_root, moments, status, clipped, law[at.RESIDUAL_VARIANCE] * r)
+            expected = law[at.RESIDUAL_VARIANCE] * r
+            _watch(theta, mean, owed, root, prior_root, moments, status, clipped, expected)
             if status[at.ALARMED] != before:
                 r = _project(root, x, projected)
         if LEAST_EXCITATION < r < LARGEST_EXCITATION:
@@ -379,5 +402,5 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
         status[at.UNPULLED] += 1
         if status[at.UNPULLED] >= PULL_EVERY:
             status[at.UNPULLED] = 0
-            _pull(theta, root, mean, information, moments, status, projected, gain)
+            _pull(theta, root, mean, information, owed, moments, status, projected, gain)
     return 0

@@ -14,11 +14,11 @@ SEEN, LEARNED, GUARDED, CLIPPED, OUTSIDE, ALARMED, GROWN, BEYOND, MAY_GROW, UNPU
 STATUS_SIZE = 12
 
 # Places in Workspace.moments
-ERROR_POWER, QUIET_POWER, NEWS_POWER, TOLERANCE, ALARM, BACKOFF, ABSORBED, PULL, LAST_ERROR, EXTREME = range(10)
-MOMENTS_SIZE = 10
+ERROR_POWER, QUIET_POWER, NEWS_POWER, TOLERANCE, ALARM, BACKOFF, ABSORBED, PULL, LAST_ERROR, EXTREME, OWED = range(11)
+MOMENTS_SIZE = 11
 
 # Places in Workspace.law
-STEP, FLOOR, LEAST_LEVERAGE, RESIDUAL_VARIANCE = range(4)
+STEP, FLOOR, LEAST_LEVERAGE, RESIDUAL_VARIANCE, LEAST_SPEED = range(5)
 
 START_POWER = 1.0
 """Running powers before the first sample: an error of one force unit is nothing unusual yet."""
@@ -41,10 +41,12 @@ class Workspace:
     root : (n, n), square root S of the covariance P = S S' over the residual variance (rls), else (0, 0).
     prior : (n,), the metric of nlms, else (0,).
     mean : (n,), information, prior_root : (n, n), of the prior over the residual variance (rls), else empty.
-    law : (4,), constants of the law.
-    moments : (10,): running error power, its quiet level, the part of it that the covariance did not expect, the factor
+    owed : (n,), where the parameters stood over the prior's mean at the last alarm (rls), else (0,): a share
+        `moments[OWED]` of it is still to be paid back.
+    law : (5,), constants of the law.
+    moments : (11,): running error power, its quiet level, the part of it that the covariance did not expect, the factor
         on the alarm's ratio, whether it is raised, lms' back-off, samples that the covariance holds, the pull towards
-        the prior that is due, the error before, and the velocity by which the range may grow.
+        the prior that is due, the error before, the velocity by which the range may grow, and the share still owed.
     status : (12,) int64, counters; `BEYOND` counts the samples in a row beyond one edge (negative: the lower one),
         `MAY_GROW` is 1 where the range may grow, `FOLLOWS` is 1 where the last error is that of the sample before.
     errors : (cells, 3), running errors by cell of velocity (see `fit.band`).
@@ -59,6 +61,7 @@ class Workspace:
     mean: Floats
     information: Floats
     prior_root: Floats
+    owed: Floats
     law: Floats
     moments: Floats
     status: Ints

@@ -1,0 +1,325 @@
+"""The groups of settings: type, default, unit, bounds and meaning of each, once.
+
+The dataclasses below are the single source of the ROS parameters, of the YAML files that every verb reads, and of their
+documentation; `config` puts them together.
+"""
+
+from dataclasses import dataclass
+
+from friction_estimator.core.settings.setting import setting
+
+
+@dataclass(frozen=True)
+class ModelConfig:
+    """Which model and which law."""
+
+    type: str = setting(
+        "parallel",
+        "Model structure: hammerstein (f = H g) or parallel (f = H1 d + H2 g, d the theoretical curve).",
+        choices=("hammerstein", "parallel"),
+    )
+    law: str = setting(
+        "rls",
+        "Adaptation law: lms (the paper's), nlms (joint normaliser) or rls (recursive prediction error).",
+        choices=("lms", "nlms", "rls"),
+    )
+    adapt: bool = setting(True, "Learn from every sample; false predicts with the present values.", live=True)
+
+
+@dataclass(frozen=True)
+class BasisConfig:
+    """The static nonlinearity g(v)."""
+
+    wavelet: str = setting(
+        "db3",
+        "Daubechies wavelet of g: db1 to db8.",
+        choices=tuple(f"db{order}" for order in range(1, 9)),
+    )
+    finest_level: int = setting(-1, "Finest wavelet level m: features of 2^m basis units are resolved.", low=-8, high=8)
+    coarsest_level: int = setting(
+        3, "Coarsest level; its scaling functions carry constants and slopes.", low=-8, high=12
+    )
+    velocity_range: tuple[float, ...] = setting(
+        (),
+        "Velocities that g covers, [lowest, highest]: fixed. Outside, g is held at the edge, nothing is learned, and "
+        "the diagnostics say so. Empty: those of the first contact, and it grows with the speeds that follow.",
+        unit="m/s",
+    )
+    velocity_unit: float = setting(
+        0.0,
+        "Velocity of one basis unit (at standstill, where velocity is companded). 0: the range of the first contact, "
+        "or the one given, divided into 16 units.",
+        unit="m/s per basis unit",
+        low=0.0,
+        high=1e9,
+    )
+    companding: float = setting(
+        16.0,
+        "Strength c of the companding of velocity, v -> asinh(c v / v_max) v_max / c: finer near standstill, coarser "
+        "at speed. 0: none, as in the paper.",
+        low=0.0,
+        high=1e4,
+    )
+
+
+@dataclass(frozen=True)
+class FirConfig:
+    """The linear part."""
+
+    order: int = setting(8, "Order N of each FIR filter; it has N + 1 taps.", low=0, high=64)
+
+
+@dataclass(frozen=True)
+class LmsConfig:
+    """The paper's law."""
+
+    step_size: float = setting(0.005, "Step size mu of lms, in normalised units.", low=0.0, high=1.0, live=True)
+    guard: bool = setting(
+        True, "Shorten steps that would overshoot their own sample; false is the paper's law to the letter.", live=True
+    )
+
+
+@dataclass(frozen=True)
+class NlmsConfig:
+    """Normalised LMS with one joint normaliser."""
+
+    step_size: float = setting(0.2, "Step size mu of nlms.", low=0.0, high=1.0, live=True)
+    regularisation: float = setting(
+        1e-3, "Floor eps of the normaliser, in normalised units.", low=1e-12, high=1e3, live=True
+    )
+
+
+@dataclass(frozen=True)
+class PriorConfig:
+    """What is believed before any sample: the same for rls, for the batch fit and, as its metric, for nlms.
+
+    Deviations are relative to `force_unit`; docs/decisions/0003-one-prior.md has the study that chose them.
+    """
+
+    weight_deviation: float = setting(
+        1.0, "Prior standard deviation of a weight of the coarsest level, in force units.", low=1e-6, high=1e6
+    )
+    weight_slope: float = setting(
+        1.5,
+        "A weight of level m has the deviation of the coarsest level M times 2^(slope (m - M)): the larger, the "
+        "smoother g.",
+        low=0.0,
+        high=8.0,
+    )
+    tap_deviation: float = setting(
+        0.15,
+        "Prior standard deviation of the first tap behind g about 1, and of the second about 0; 0.4 of it in the "
+        "parallel model.",
+        low=1e-6,
+        high=1e3,
+    )
+    gain_deviation: float = setting(
+        0.03,
+        "Prior standard deviation of the static gain of H about 1 in the parallel model: the scale of the curve "
+        "belongs to g, and what is left open here is learned at fast reversals and wrong at slow ones.",
+        low=1e-6,
+        high=1e3,
+    )
+    theory_gain_deviation: float = setting(
+        0.3, "The same for the filter behind the theoretical curve, about 1.", low=1e-6, high=1e3
+    )
+    tap_decay: float = setting(
+        0.9,
+        "The covariance of taps i and j is deviation^2 decay^max(i, j): impulse responses die out, smoothly.",
+        low=0.01,
+        high=0.9999,
+    )
+    rest_deviation: float = setting(
+        0.003,
+        "Prior standard deviation of g at standstill, in force units: steady friction is odd enough to vanish there.",
+        low=1e-6,
+        high=1e6,
+    )
+    residual_deviation: float = setting(
+        0.1,
+        "What one sample is taken to err by, in force units: noise and, since it repeats with the drive, several times "
+        "the model's error. The larger, the more the prior weighs.",
+        low=1e-6,
+        high=1e3,
+    )
+
+
+@dataclass(frozen=True)
+class RlsConfig:
+    """Recursive prediction error method."""
+
+    forgetting_factor: float = setting(
+        0.999,
+        "1 - lambda is the least share of each error that a step removes, however much is known: lambda = 0.997 "
+        "follows slow changes over some hundred samples at each velocity. 1: all samples count alike, nothing is "
+        "followed.",
+        low=0.9,
+        high=1.0,
+        live=True,
+    )
+
+
+@dataclass(frozen=True)
+class TheoryConfig:
+    """The theoretical steady-state curve d(v; p, T)."""
+
+    kind: str = setting(
+        "seal",
+        "Theoretical curve: seal (physics), table (CSV of your own) or none.",
+        choices=("seal", "table", "none"),
+    )
+    table: str = setting(
+        "", "CSV file velocity_m_s,pressure_Pa,temperature_K,friction_N (gauge pressure); for kind table."
+    )
+    ambient_pressure: float = setting(
+        101325.0, "Taken off the recorded absolute pressure.", unit="Pa", low=0.0, high=1e9
+    )
+    default_pressure: float = setting(
+        344737.8646584, "Gauge pressure where none is recorded (50 psi).", unit="Pa", low=-1.1e5, high=1e9
+    )
+    default_temperature: float = setting(
+        54.444444444444, "Temperature where none is recorded (130 degF).", unit="degC", low=-40.0, high=150.0
+    )
+
+
+@dataclass(frozen=True)
+class SealConfig:
+    """Parameters of the seal curve (geometry, p0, mu_b and phi are assumptions, each good to a factor of two)."""
+
+    shaft_diameter: float = setting(0.025, "Shaft diameter D.", unit="m", low=1e-4, high=10.0)
+    contact_width: float = setting(2e-4, "Contact width b0 without pressure.", unit="m", low=1e-7, high=1.0)
+    width_pressure: float = setting(8e6, "Pressure p_b that doubles the contact width.", unit="Pa", low=1e3, high=1e12)
+    preload_pressure: float = setting(2e6, "Mean contact pressure p0 without pressure.", unit="Pa", low=1.0, high=1e10)
+    boundary_friction: float = setting(0.20, "Boundary friction coefficient mu_b.", low=0.0, high=10.0)
+    roughness: float = setting(8e-8, "Combined roughness sigma.", unit="m", low=1e-10, high=1e-3)
+    rest_gap: float = setting(3e-8, "Film thickness h0 at rest.", unit="m", low=1e-12, high=1e-3)
+    inlet_gradient: float = setting(6.0, "Shape factor k_w of the inlet pressure gradient.", low=1e-3, high=1e4)
+    viscous_factor: float = setting(5.0, "Calibration phi of the viscous part.", low=0.0, high=1e4)
+    viscosity_40: float = setting(35.0, "Kinematic viscosity at 40 degC.", unit="cSt", low=1.0, high=1e5)
+    viscosity_100: float = setting(7.3, "Kinematic viscosity at 100 degC.", unit="cSt", low=0.5, high=1e4)
+    density: float = setting(850.0, "Oil density rho.", unit="kg/m3", low=100.0, high=5000.0)
+    pressure_viscosity: float = setting(
+        1.8e-8, "Pressure-viscosity coefficient alpha.", unit="1/Pa", low=0.0, high=1e-6
+    )
+    sign_velocity: float = setting(
+        2e-3, "Velocity v_s of the smooth sign tanh(v/v_s).", unit="m/s", low=1e-9, high=10.0
+    )
+    asymmetry: float = setting(0.0, "Film asymmetry asym between the directions.", low=-0.9, high=0.9)
+
+
+@dataclass(frozen=True)
+class InputConfig:
+    """Where the samples come from."""
+
+    mode: str = setting(
+        "stamped",
+        "stamped (TwistStamped and WrenchStamped, paired by stamp), joint_state (one JointState) or float64 "
+        "(two Float64, paired by receive time).",
+        choices=("stamped", "joint_state", "float64"),
+        live=True,
+    )
+    axis: str = setting("x", "Axis of twist.linear and wrench.force.", choices=("x", "y", "z"), live=True)
+    joint: str = setting("", "Joint name in JointState messages; empty: the only joint.", live=True)
+    friction_sign: int = setting(
+        1,
+        "-1 for a sensor wired the other way (friction must be positive at positive velocity).",
+        low=-1,
+        high=1,
+        live=True,
+    )
+
+
+@dataclass(frozen=True)
+class SyncConfig:
+    """Pairing and time."""
+
+    slop: float = setting(
+        0.0,
+        "Largest difference between paired stamps; 0: exact. Keep below half the sample period.",
+        unit="s",
+        low=0.0,
+        high=1.0,
+        live=True,
+    )
+    queue: int = setting(1000, "Unpaired messages kept per input.", low=1, high=100000, live=True)
+    gap_factor: float = setting(
+        5.0,
+        "A step of more than this many sample periods is a gap: the delay lines restart.",
+        low=1.5,
+        high=1e6,
+        live=True,
+    )
+    jump_back: float = setting(
+        1.0,
+        "A stamp earlier by at least this is a jump of the clock (bag loop): the delay lines restart, the "
+        "parameters stay. Smaller steps back are late samples and are dropped.",
+        unit="s",
+        low=0.0,
+        high=1e6,
+        live=True,
+    )
+
+
+@dataclass(frozen=True)
+class PublishConfig:
+    """What the node publishes."""
+
+    parameters_rate: float = setting(
+        1.0, "Rate of ~/parameters/*; 0: every sample.", unit="Hz", low=0.0, high=1e4, live=True
+    )
+
+
+@dataclass(frozen=True)
+class StateConfig:
+    """The learned state on disk."""
+
+    file: str = setting("", "State file of ~/save and ~/load; empty: none.", live=True)
+    period: float = setting(
+        60.0, "Time between periodic saves; 0: only on ~/save and at exit.", unit="s", low=0.0, high=1e6, live=True
+    )
+
+
+@dataclass(frozen=True)
+class ExtensionConfig:
+    """Terms that a diagnosis added to the model."""
+
+    terms: tuple[str, ...] = setting((), "Terms as NAME:key=value,key=value (effect ids and their fixed parameters).")
+
+
+@dataclass(frozen=True)
+class LearnedConfig:
+    """Learned values: empty for a cold start, written by the running estimator."""
+
+    velocity_range: tuple[float, ...] = setting(
+        (),
+        "Velocities that g covers by what was seen, where basis.velocity_range is empty.",
+        unit="m/s",
+        live=True,
+        learned=True,
+    )
+    velocity_scale: float = setting(
+        0.0,
+        "Largest speed of the first contact: it sets basis unit and companding. 0: not met yet.",
+        unit="m/s",
+        low=0.0,
+        high=1e12,
+        live=True,
+        learned=True,
+    )
+    force_unit: float = setting(
+        0.0,
+        "Usual friction of the first contact, where force_unit is 0. 0: not met yet.",
+        unit="N",
+        low=0.0,
+        high=1e12,
+        live=True,
+        learned=True,
+    )
+    fir_taps: tuple[float, ...] = setting((), "Taps of the FIR behind g.", live=True, learned=True)
+    theory_taps: tuple[float, ...] = setting(
+        (), "Taps of the FIR behind the theoretical curve.", live=True, learned=True
+    )
+    wavelet_weights: tuple[float, ...] = setting((), "Weights of g.", live=True, learned=True)
+    extension_weights: tuple[float, ...] = setting(
+        (), "Coefficients of the extension terms, in the order of extension.terms.", live=True, learned=True
+    )
