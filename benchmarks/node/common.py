@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parents[1] / "test"))
+sys.path[:0] = [str(HERE.parents[1] / "test"), str(HERE.parent)]
 
-from geometry_msgs.msg import WrenchStamped  # noqa: E402 - after the path
+import provenance  # noqa: E402 - after the path
+from geometry_msgs.msg import WrenchStamped  # noqa: E402
 from ros_graph import Feeder, Graph, Process, await_, force, motion, qos  # noqa: E402
 
 PREDICTED = "/friction_estimator/friction_predicted"
@@ -20,13 +21,14 @@ SECTIONS = ("Executors", "Pairs", "Curve", "JointState", "Endurance", "Endings",
 
 
 def write_section(title: str, text: str) -> None:
-    """Replace one section of the table; the others stay."""
+    """Replace one section of the table, under the commit and the command that it comes from; the others stay."""
     parts: dict[str, str] = {}
     if TABLE.exists():
         for piece in TABLE.read_text().split("\n## ")[1:]:
             name, _, body = piece.partition("\n")
             parts[name] = body.strip()
-    parts[title] = text.strip()
+    command = " ".join(["python", f"benchmarks/node/{Path(sys.argv[0]).name}", *sys.argv[1:]])
+    parts[title] = f"{provenance.line(command)}\n{text.strip()}"
     head = "# What the node was measured to do\n\nWritten by the scripts here; docs/node.md says how to read it.\n"
     ordered = [name for name in SECTIONS if name in parts]
     TABLE.write_text(head + "".join(f"\n## {name}\n\n{parts[name]}\n" for name in ordered))
