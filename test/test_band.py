@@ -10,8 +10,8 @@ from synthetic import MODELS, RATE, config_for, known_system, noisy, samples_of,
 
 from friction_estimator.core.fit.band import (
     COUNT,
+    CURVE_FACTOR,
     MEMORY,
-    MISFIT_FACTOR,
     POINTS,
     POWER,
     PRODUCT,
@@ -57,7 +57,7 @@ SWEEP = 0.1 * np.sin(np.arange(60_000) / 3000.0)  # 25 samples a cell and more i
 @pytest.mark.parametrize("scale", [1e-3, 1.0])
 def test_white_noise_is_no_misfit(seed, scale):
     noise = scale * np.random.default_rng(seed).standard_normal(SWEEP.size)
-    misfit = misfit_variance(table(noise, SWEEP)) / MISFIT_FACTOR
+    misfit = misfit_variance(table(noise, SWEEP)) / CURVE_FACTOR
     assert np.median(misfit) < 0.3 * scale**2
     assert misfit.max() < 1.2 * scale**2
 
@@ -67,7 +67,7 @@ def test_an_error_that_repeats_is_misfit_where_it_is():
     bump = 0.5 * np.exp(-np.square((SWEEP - 0.04) / 0.01))
     misfit = misfit_variance(table(noise + bump, SWEEP))
     cell = BASIS.cells(np.array([0.04, -0.04]))
-    assert misfit[cell[0]] == pytest.approx(MISFIT_FACTOR * 0.25, rel=0.3)
+    assert misfit[cell[0]] == pytest.approx(CURVE_FACTOR * 0.25, rel=0.3)
     assert misfit[cell[1]] < 0.1 * misfit[cell[0]]
 
 

@@ -213,7 +213,7 @@ def test_single_wild_velocities_do_not_stretch_it():
     estimator.run(replace(samples, velocity_m_s=velocity))
     assert estimator.health.grown == 0
     assert estimator.health.outside == velocity[100::50].size
-    # Among twenty fast ones it does not count either: the slowest of them decides.
+    # Among twenty fast ones it does not count either: it stands far out, so the slowest of them decides.
     burst = beyond(GROW_AFTER, 0.02)
     burst.velocity_m_s[7] = 1e5
     estimator.run(burst)

@@ -31,8 +31,11 @@ POINTS = 401
 """Of a curve."""
 
 MISFIT_FACTOR = 2.5
-"""A misfit counts for this many times its power on another drive: on the one that was learned, taps and curve were bent
-to hide it (benchmarks/transfer)."""
+"""A misfit counts for this many times its power in a prediction on another drive: on the one that was learned, taps and
+curve were bent to hide it (benchmarks/transfer)."""
+
+CURVE_FACTOR, SPARSE_FACTOR = 1.5, 6.0
+"""The same for the curve, and where samples skip cells: between two of them the curve is bent to neither."""
 
 NOISE_QUANTILE, NOISE_MARGIN = 0.1, 1.5
 """The quietest cells show the sensor's noise; what exceeds it by more than the scatter of a mean of `MEMORY` squares is
@@ -108,7 +111,9 @@ def misfit_variance(errors: Floats) -> Floats:
     white = NOISE_MARGIN * float(np.quantile(power[seen] if seen.any() else power, NOISE_QUANTILE))
     coloured = _filled(errors, PRODUCT) - power / np.sqrt(MEMORY)  # less its standard error: white noise is no misfit
     power = np.maximum(np.maximum(coloured, power - white), 0.0)
-    return np.asarray(MISFIT_FACTOR * maximum_filter1d(power, 2 * NEIGHBOURS + 1, mode="nearest"))
+    width = 2 * NEIGHBOURS + 1
+    skipped = maximum_filter1d(errors[:, COUNT] <= 1.0, width, mode="nearest")
+    return np.where(skipped, SPARSE_FACTOR, CURVE_FACTOR) * maximum_filter1d(power, width, mode="nearest")
 
 
 def _filled(errors: Floats, column: int) -> Floats:

@@ -16,6 +16,7 @@ from friction_estimator.core.online.growth import carried_over, cold_start, grow
 from friction_estimator.core.online.workspace import Workspace
 from friction_estimator.core.sample import Bools, Floats, Samples
 from friction_estimator.core.settings.config import PARAMETERS, Config
+from friction_estimator.core.settings.units import ALONE_ABOVE
 
 STATE_VERSION = 3
 
@@ -148,7 +149,9 @@ class Estimator:
         """Let the range reach the velocities that came in a row beyond its edge; too large a basis stays as it is."""
         status = self.work.status
         status[workspace.BEYOND] = 0
-        velocity = float(self.work.moments[workspace.EXTREME])
+        nearest, farthest = (float(self.work.moments[i]) for i in (workspace.NEAREST, workspace.FARTHEST))
+        # All of them lie beyond the edge; one that stands far out among them is a wild value.
+        velocity = farthest if abs(farthest) <= ALONE_ABOVE * abs(nearest) else nearest
         model = grown_model(self.model, velocity, self.model.extension)
         if model is None:
             status[workspace.MAY_GROW] = 0

@@ -280,10 +280,12 @@ def _beyond(moments, status, velocity, beyond, learn):  # type: ignore[no-untype
     side = 1 if velocity > 0.0 else -1
     if status[at.BEYOND] * side <= 0:
         status[at.BEYOND] = 0
-        moments[at.EXTREME] = velocity
+        moments[at.NEAREST] = moments[at.FARTHEST] = velocity
     status[at.BEYOND] += side
-    if abs(velocity) < abs(moments[at.EXTREME]):
-        moments[at.EXTREME] = velocity
+    if abs(velocity) < abs(moments[at.NEAREST]):
+        moments[at.NEAREST] = velocity
+    if abs(velocity) > abs(moments[at.FARTHEST]):
+        moments[at.FARTHEST] = velocity
     return status[at.MAY_GROW] == 1 and abs(status[at.BEYOND]) >= GROW_AFTER
 
 
