@@ -189,7 +189,7 @@ def test_the_curve_and_its_band(graph):
     *_, estimator = replayed(stamps, velocity, friction)
     expected = estimator.curve()
     wanted = np.stack([expected.velocity_m_s, expected.friction_N, expected.low_N, expected.high_N], 1)
-    await_(lambda: curves and np.array_equal(np.reshape(curves[-1].data, (-1, 4)), wanted), "the last curve")
+    await_(lambda: curves and np.allclose(np.reshape(curves[-1].data, (-1, 4)), wanted, 1e-9), "the last curve")
     rows, columns = curves[-1].layout.dim
     assert (rows.label, rows.size, rows.stride) == ("velocities", 401, 1604)
     assert (columns.label, columns.size, columns.stride) == ("velocity_m_s,friction_N,low_N,high_N", 4, 4)
