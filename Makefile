@@ -8,7 +8,7 @@ PYTEST_ARGS ?=
 # Workers of the suite: two at the most, since the ROS tests start processes of their own.
 WORKERS ?= $(shell n=$$(nproc 2>/dev/null || echo 1); echo $$((n < 2 ? n : 2)))
 
-.PHONY: demo test check format stale lock clean
+.PHONY: demo test check format stale picture lock clean
 
 demo: $(VENV)/.installed
 	$(BIN)/python -m friction_estimator.cli.demo --out demo_out
@@ -32,6 +32,11 @@ $(VENV)/.installed: requirements.lock setup.py setup.cfg package.xml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	touch $@
+
+# The picture of the README: the learned curve of bags/demo with its band; test/test_demo.py holds it against the plant's.
+picture: $(VENV)/.installed
+	$(BIN)/friction_estimator replay bags/demo --out build/picture
+	cp build/picture/figures/friction_map.png docs/images/friction_map.png
 
 # Pages of figures that are older than the rooms they measure.
 stale:
