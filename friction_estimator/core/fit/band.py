@@ -169,8 +169,8 @@ def static_curve(
         power = np.where(errors[:, COUNT] > 0.0, errors[:, POWER], np.max(errors[:, POWER], initial=0.0))
         variance = variance + power[cell]
     else:
-        after = np.maximum(np.einsum("ij,jk,ik->i", gradient, covariance, gradient), 0.0)
-        before = np.einsum("ij,jk,ik->i", gradient, prior.covariance, gradient)
+        after = np.maximum(np.sum((gradient @ covariance) * gradient, axis=1), 0.0)
+        before = np.sum((gradient @ prior.covariance) * gradient, axis=1)
         left = np.clip(after / np.maximum(before, np.finfo(float).tiny), 0.0, 1.0)
         share = np.where(before > 0.0, 1.0 - left, 0.0)
         # Where the errors are smaller than the prior took them to be, what was learned is known better than P says;
