@@ -12,6 +12,10 @@ from friction_estimator.core.online.workspace import Workspace
 from friction_estimator.core.sample import Floats, Ints
 from friction_estimator.core.settings.units import MARGIN
 
+LARGEST_GROWTH = 10.0
+"""Largest factor by which the range grows at once: faster drives take another twenty samples, and a burst of absurd
+velocities does not make the model large."""
+
 EDGE_DEVIATION = 0.03
 """Force units by which g may miss the edge's value, against prior deviations of the appended weights."""
 
@@ -22,7 +26,9 @@ EDGE_POINTS = 8
 def grown_model(model: Model, velocity_m_s: float, extension: Extension | None) -> Model | None:
     """Return the model whose range holds `velocity_m_s` with its margin, or None where it would grow too large."""
     low, high = model.basis.reach
-    low, high = min(low, MARGIN * velocity_m_s), max(high, MARGIN * velocity_m_s)
+    most = LARGEST_GROWTH * max(abs(low), abs(high))
+    reached = min(max(MARGIN * velocity_m_s, -most), most)
+    low, high = min(low, reached), max(high, reached)
     try:
         return Model(model.config.updated({"learned.velocity_range": (low, high)}), extension)
     except ConfigError:

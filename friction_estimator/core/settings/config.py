@@ -95,6 +95,11 @@ class Config:
         for room, ends in (("basis", self.basis.velocity_range), ("learned", self.learned.velocity_range)):
             if ends and (len(ends) != 2 or not ends[0] < ends[1]):
                 raise ConfigError(f"{room}.velocity_range is {list(ends)}: give [lowest, highest] in m/s, lowest first")
+        if self.learned.wavelet_weights and not self.is_met:
+            raise ConfigError(
+                "learned.wavelet_weights come without the range and unit that they were learned in: give "
+                "learned.velocity_range, learned.velocity_scale and learned.force_unit with them, or leave them out"
+            )
         if self.input.friction_sign == 0:
             raise ConfigError("input.friction_sign is 0: give 1 or -1")
         if self.model.type == "parallel" and self.theory.kind == "none":
