@@ -30,16 +30,19 @@ MEMORY = 64.0
 POINTS = 401
 """Of a curve."""
 
-MISFIT_FACTOR = 2.5
+MISFIT_FACTOR = 3.0
 """A misfit counts for this many times its power in a prediction on another drive: on the one that was learned, taps and
 curve were bent to hide it (benchmarks/transfer)."""
 
-CURVE_FACTOR, SPARSE_FACTOR = 1.5, 6.0
+CURVE_FACTOR, SPARSE_FACTOR = 1.35, 6.0
 """The same for the curve, and where samples skip cells: between two of them the curve is bent to neither."""
 
 NOISE_QUANTILE, NOISE_MARGIN = 0.1, 1.5
 """The quietest cells show the sensor's noise; what exceeds it by more than the scatter of a mean of `MEMORY` squares is
 misfit, even where the shaft crosses a cell in less than a sample and the products say nothing."""
+
+REACH = 5
+"""Cells on either side whose largest errors a prediction may have: at another acceleration they come elsewhere."""
 
 NEIGHBOURS = 1
 """Cells on either side whose misfit counts for a cell too: taps smear what happens in one over the next."""
@@ -87,6 +90,27 @@ def note_error(errors, cell, error, last, follows):  # type: ignore[no-untyped-d
     row[POWER] += gain * (error * error - row[POWER])
     if follows:
         row[PRODUCT] += gain * (error * last - row[PRODUCT])
+
+
+@njit(cache=True)
+def usual_variance(errors, cell, unknown):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return the variance of a prediction's error at a cell: the largest power in reach and what is coloured of it.
+
+    `unknown` where neither the cell nor its neighbours were seen.
+    """
+    power = product = 0.0
+    seen = skipped = False
+    for near in range(max(0, cell - REACH), min(errors.shape[0], cell + REACH + 1)):
+        row = errors[near]
+        if row[COUNT] > 0.0:
+            seen = True
+            power = max(power, row[POWER])
+            product = max(product, row[PRODUCT])
+        else:
+            skipped = True
+    if skipped:
+        power *= SPARSE_FACTOR
+    return power + MISFIT_FACTOR * product if seen else unknown
 
 
 @njit(cache=True)

@@ -8,7 +8,7 @@ for bit. `model.prediction` has the prediction and its gradient x, the regressor
 import numpy as np
 from numba import njit
 
-from friction_estimator.core.fit.band import COUNT, EXTRAPOLATION, MISFIT_FACTOR, POWER, PRODUCT, note_error
+from friction_estimator.core.fit.band import EXTRAPOLATION, note_error, usual_variance
 from friction_estimator.core.model.prediction import TAPS, WEIGHTS, push, regress
 from friction_estimator.core.model.structure import LARGEST_PARAMETER
 from friction_estimator.core.online import workspace as at
@@ -346,10 +346,7 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
         status[at.SEEN] += 1
         predicted[k] = regress(shape, theta, ring, ring_theory, status, extension[k], x)
         error = target[k] - predicted[k]
-        here = errors[cell[k]]
-        variance = moments[at.ERROR_POWER]
-        if here[COUNT] > 0.0:
-            variance = here[POWER] + MISFIT_FACTOR * max(here[PRODUCT], 0.0)
+        variance = usual_variance(errors, cell[k], moments[at.ERROR_POWER])
         r = 0.0
         if law_number == RLS:
             r = _project(root, x, projected)
