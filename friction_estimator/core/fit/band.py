@@ -44,6 +44,9 @@ misfit, even where the shaft crosses a cell in less than a sample and the produc
 REACH = 5
 """Cells on either side whose largest errors a prediction may have: at another acceleration they come elsewhere."""
 
+CLEARLY, SCATTER = 1.6, 0.25
+"""Ratio of two means of `MEMORY` squares, and share of a mean product in them, that white noise does not reach."""
+
 NEIGHBOURS = 1
 """Cells on either side whose misfit counts for a cell too: taps smear what happens in one over the next."""
 
@@ -94,9 +97,9 @@ def note_error(errors, cell, error, last, follows):  # type: ignore[no-untyped-d
 
 @njit(cache=True)
 def usual_variance(errors, cell, unknown):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Return the variance of a prediction's error at a cell: the largest power in reach and what is coloured of it.
+    """Return the variance of a prediction's error at a cell: its power, and what is coloured of it.
 
-    `unknown` where neither the cell nor its neighbours were seen.
+    Where a cell in reach has clearly larger errors, theirs count; `unknown` where none in reach was seen.
     """
     power = product = 0.0
     seen = skipped = False
@@ -108,9 +111,14 @@ def usual_variance(errors, cell, unknown):  # type: ignore[no-untyped-def] # pra
             product = max(product, row[PRODUCT])
         else:
             skipped = True
+    if not seen:
+        return unknown
     if skipped:
-        power *= SPARSE_FACTOR
-    return power + MISFIT_FACTOR * product if seen else unknown
+        return SPARSE_FACTOR * power + MISFIT_FACTOR * product
+    own = errors[cell]
+    if power < CLEARLY * own[POWER] and product < CLEARLY * max(own[PRODUCT], SCATTER * own[POWER]):
+        power, product = own[POWER], own[PRODUCT]
+    return power + MISFIT_FACTOR * max(product - SCATTER * power, 0.0)
 
 
 @njit(cache=True)
