@@ -31,6 +31,10 @@ LEAST_SHARE = 1e-9
 PARALLEL_SHARE = 0.4
 """Of `prior.tap_deviation` in the parallel model: both filters act on the same reversals."""
 
+METRIC_SLOPE, METRIC_TAP, PARALLEL_METRIC_TAP = 0.5, 0.1, 0.03
+"""Of nlms: exponent of a weight's level, and deviations of taps against coarse weights. In the parallel model g starts
+at zero and says nothing of the taps behind it: noise would move looser ones."""
+
 EXTENSION_DEVIATION = 100.0
 """Of a coefficient of an extension term, in the term's own unit: a diagnosis measured it, the data say the rest."""
 
@@ -44,11 +48,14 @@ class Prior:
     mean : (n,).
     covariance : (n, n), symmetric positive definite.
     residual_variance : variance rho that one sample is taken to err with, in squared force units.
+    metric : (n,), squared deviations by which nlms scales its steps. Finer weights and taps than the prior's would
+        allow move too: a step along one gradient reaches a weight only through its own function.
     """
 
     mean: Floats
     covariance: Floats
     residual_variance: float
+    metric: Floats
 
     @classmethod
     def of(cls, model: Model) -> "Prior":
@@ -74,7 +81,16 @@ class Prior:
             impulse_response(theory_taps, shared, decay, settings.theory_gain_deviation),
             EXTENSION_DEVIATION**2 * np.eye(extensions),
         )
-        return cls(mean, np.asarray(covariance, np.float64), settings.residual_deviation**2)
+        tap = PARALLEL_METRIC_TAP if theory_taps else METRIC_TAP
+        metric = [
+            np.full(taps, tap),
+            model.basis.prior_scale(METRIC_SLOPE),
+            np.full(theory_taps, METRIC_TAP),
+            np.ones(extensions),
+        ]
+        return cls(
+            mean, np.asarray(covariance, np.float64), settings.residual_deviation**2, np.square(np.concatenate(metric))
+        )
 
     @cached_property
     def root(self) -> Floats:

@@ -85,7 +85,7 @@ class Nlms:
     @staticmethod
     def metric(prior: Prior) -> Floats:
         """The metric D."""
-        return np.square(prior.deviation)
+        return prior.metric
 
 
 @LAWS.named("rls")

@@ -75,7 +75,7 @@ def carried_over(work: Workspace, before: Model, after: Model, prior: Prior) -> 
         theta=theta,
         ring=ring,
         root=root,
-        prior=np.square(prior.deviation) if work.prior.size else work.prior,
+        prior=prior.metric if work.prior.size else work.prior,
         errors=errors,
         mean=mean,
         information=information,
