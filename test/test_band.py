@@ -233,3 +233,24 @@ def test_the_band_scales_with_the_units_of_force(factor):
     for name in ("friction_N", "low_N", "high_N"):
         np.testing.assert_array_equal(getattr(other, name), factor * getattr(one, name))
     np.testing.assert_array_equal(other.learned_share, one.learned_share)
+
+
+def known_static(velocity: np.ndarray) -> np.ndarray:
+    """The parallel `known_system` at constant velocity, N: both filters at their static gains."""
+    held = np.repeat(velocity, 20)
+    return known_system("parallel", held)[19::20]
+
+
+@pytest.mark.parametrize("fit", ["rls", "batch"])
+def test_the_band_holds_where_noise_is_larger_than_the_prior_takes_it_to_be(fit):
+    """Thirty per cent: each sample counts for less, the band is wider, and the curve lies in it."""
+    quiet, loud = (record(cycles=30, noise=level) for level in (0.01, 0.3))
+    velocity = np.linspace(-0.095, 0.095, 201)
+    truth = known_static(velocity)
+    widths = []
+    for samples in (quiet, loud):
+        source = learned(samples) if fit == "rls" else fit_batch(samples, config_for(samples, **SMALL))
+        curve = source.curve(velocity_m_s=velocity)
+        widths.append(np.median(half_width(curve)))
+        assert np.mean((truth > curve.low_N) & (truth < curve.high_N)) > 0.9
+    assert widths[1] > 2.0 * widths[0]

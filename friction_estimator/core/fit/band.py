@@ -16,6 +16,7 @@ import numpy as np
 from numba import njit
 from scipy.ndimage import maximum_filter1d
 
+from friction_estimator.core.fit.posterior import COLOUR
 from friction_estimator.core.model.basis import Basis
 from friction_estimator.core.model.prior import Prior
 from friction_estimator.core.model.structure import Model
@@ -49,10 +50,6 @@ CLEARLY, SCATTER = 1.6, 0.25
 
 NEIGHBOURS = 1
 """Cells on either side whose misfit counts for a cell too: taps smear what happens in one over the next."""
-
-COLOUR = 10.0
-"""Factor on the error power before it is compared with the prior's residual variance: errors that repeat with the drive
-average out that much more slowly than white ones."""
 
 NORMAL_95 = 1.959964
 """Two-sided 95 % quantile of the normal distribution."""

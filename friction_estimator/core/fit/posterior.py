@@ -7,7 +7,9 @@ logarithm of the posterior is, up to a constant,
 
 with C half the mean square error and n the effective number of samples. A record of one sine does not say more when it
 goes on: its misfit repeats. So n stops growing where the mean leverage of a sample, E[x' P x] / rho with P the
-posterior covariance, has come down to 1 - lambda: the same bound by which rls stops (see `online.kernels`).
+posterior covariance, has come down to 1 - lambda: the same bound by which rls stops (see `online.kernels`). And rho is
+`COLOUR` times the record's own mean square error where that is more than the prior's: what the structure cannot follow
+would outvote any prior otherwise.
 
 For fixed FIR taps the rest is linear and is eliminated (variable projection, Golub and Pereyra 1973); phi over the few
 taps is minimised by a trust-region Newton method with its exact Hessian, which never accepts a step that is worse.
@@ -28,7 +30,11 @@ NEWTON: Any = {"gtol": 1e-4, "maxiter": 100, "initial_trust_radius": 0.5, "max_t
 """Of the minimisation, in prior deviations of the taps: phi is of the order of the number of parameters, so a gradient
 of 1e-4 is a ten thousandth of a standard error."""
 
-ROUNDS = 4
+COLOUR = 10.0
+"""Factor on the error power before it is compared with the prior's residual variance: errors that repeat with the drive
+average out that much more slowly than white ones."""
+
+ROUNDS = 6
 """Most times that the effective number of samples is computed anew from the fit that it led to."""
 
 
@@ -41,16 +47,18 @@ class Posterior:
     moments : of the record, without ridge.
     prior : of the model.
     effective : number n of samples that the record is worth.
+    variance : residual variance rho, where the record's own errors are larger than the prior's; 0: the prior's.
     """
 
     moments: Moments
     prior: Prior
     effective: float
+    variance: float = 0.0
 
     @property
     def weight(self) -> float:
         """The factor n / rho on the mean square error."""
-        return self.effective / self.prior.residual_variance
+        return self.effective / (self.variance or self.prior.residual_variance)
 
     def cost(self, theta: Floats) -> float:
         """Return phi(theta)."""
@@ -128,14 +136,15 @@ def settle(moments: Moments, prior: Prior, least_leverage: float, taps: Floats) 
     ----------
     least_leverage : 1 - lambda, share of an error that a sample keeps removing; 0 counts every sample.
     """
-    effective = float(moments.count)
-    posterior = Posterior(moments, prior, effective)
+    count = float(moments.count)
+    posterior = Posterior(moments, prior, count, prior.residual_variance)
     theta = posterior.minimum(taps)
-    for _ in range(ROUNDS if least_leverage > 0.0 else 0):
-        worth = min(float(moments.count), max(1.0, posterior.degrees_of_freedom(theta) / least_leverage))
-        if abs(worth - effective) <= 0.02 * effective:
+    for _ in range(ROUNDS):
+        freedom = posterior.degrees_of_freedom(theta)
+        worth = min(count, max(1.0, freedom / least_leverage)) if least_leverage > 0.0 else count
+        variance = max(prior.residual_variance, COLOUR * 2.0 * moments.cost(theta))
+        if abs(worth / variance - posterior.weight) <= 0.02 * posterior.weight:
             break
-        effective = worth
-        posterior = Posterior(moments, prior, effective)
+        posterior = Posterior(moments, prior, worth, variance)
         theta = posterior.minimum(theta[: moments.taps])
     return posterior, theta

@@ -8,7 +8,7 @@ for bit. `model.prediction` has the prediction and its gradient x, the regressor
 import numpy as np
 from numba import njit
 
-from friction_estimator.core.fit.band import EXTRAPOLATION, note_error, usual_variance
+from friction_estimator.core.fit.band import COLOUR, EXTRAPOLATION, note_error, usual_variance
 from friction_estimator.core.model.prediction import TAPS, WEIGHTS, push, regress
 from friction_estimator.core.model.structure import LARGEST_PARAMETER
 from friction_estimator.core.online import workspace as at
@@ -49,6 +49,10 @@ LEAST_EXCITATION, LARGEST_EXCITATION = 1e-14, 1e14
 
 KNOWN_LEVERAGE = 0.1
 """Errors where x' P x is larger tell of what was not learned yet, not of what cannot be: the band leaves them out."""
+
+MISFIT_MEMORY, MISFIT_RATIO = 5000.0, 8.0
+"""Samples over which the power of known errors is averaged, and the factor on it below which nothing has changed: a
+misfit that gathers at reversals is no alarm."""
 
 PULL_EVERY, LARGEST_PULL, PAID_AT_ONCE = 64, 0.5, 1.0 / 256.0
 """Samples between two pulls towards the prior, and the largest one: above 1 it would overshoot. After an alarm a
@@ -189,7 +193,8 @@ def _watch(theta, mean, owed, root, prior_root, moments, status, clipped, expect
     quiet = moments[at.QUIET_POWER]
     surprise = clipped * clipped / (1.0 + expected / quiet)
     moments[at.NEWS_POWER] += (surprise - moments[at.NEWS_POWER]) / ERROR_MEMORY
-    ratio = moments[at.NEWS_POWER] / (quiet * moments[at.TOLERANCE])
+    usual = max(quiet, MISFIT_RATIO / ALARM_RATIO * moments[at.MISFIT_POWER])
+    ratio = moments[at.NEWS_POWER] / (usual * moments[at.TOLERANCE])
     moments[at.TOLERANCE] -= (moments[at.TOLERANCE] - 1.0) / TOLERANCE_MEMORY
     if moments[at.ALARM] == 0.0 and ratio > ALARM_RATIO:
         moments[at.ALARM] = 1.0
@@ -222,27 +227,29 @@ def _learn_rls(shape, theta, ring, law, moments, status, root, x, error, clipped
     fixed point is that of the batch fit: N times the mean square error plus the prior's term is least.
 
     A step that is shortened, because the error is an outlier or because the model is too curved for it, counts as
-    proportionally less information.
+    proportionally less information. So does every sample while known errors are larger than the prior takes them to be
+    (`noise` above 1): what the model cannot follow repeats with the drive, and would outvote any prior.
     """
     n = theta.size
+    noise = max(1.0, COLOUR * moments[at.MISFIT_POWER] / law[at.RESIDUAL_VARIANCE])
     for i in range(n):
         gain[i] = _dot(root[i], projected)
-    step = _trusted(shape, ring, status, x, gain, clipped / (1.0 + r))
+    step = _trusted(shape, ring, status, x, gain, clipped / (noise + r))
     if not _step_along(theta, gain, step, status):
         return
-    # step = error / (rho + r): rho is the noise variance, 1 for a whole step, at which this step is the whole one.
-    w = 1.0 / max(1.0, error / step - r) if step != 0.0 else 1.0
+    # step = error / (rho + r): rho is the noise variance at which this step is the whole one.
+    w = 1.0 / max(noise, error / step - r) if step != 0.0 else 1.0 / noise
     floor = law[at.LEAST_LEVERAGE]
     if floor > 0.0:
-        w = min(w, max(0.0, 1.0 / floor - 1.0 / r))
+        w = min(w, max(0.0, 1.0 / (floor * noise) - 1.0 / r))
     if w > 0.0:
         gamma = (1.0 - 1.0 / np.sqrt(1.0 + w * r)) / r
         for i in range(n):
             factor = gamma * gain[i]
             for j in range(n):
                 root[i, j] -= factor * projected[j]
-    moments[at.ABSORBED] += w
-    moments[at.PULL] += (1.0 - w) / max(moments[at.ABSORBED], 1.0)
+    moments[at.ABSORBED] += w * noise
+    moments[at.PULL] += (1.0 - w * noise) / max(moments[at.ABSORBED], 1.0)
 
 
 @njit(cache=True)
@@ -377,6 +384,8 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
             continue
         status[at.LEARNED] += 1
         if r < KNOWN_LEVERAGE:
+            if moving:
+                moments[at.MISFIT_POWER] += (clipped * clipped - moments[at.MISFIT_POWER]) / MISFIT_MEMORY
             note_error(errors, cell[k], clipped, moments[at.LAST_ERROR], status[at.FOLLOWS] == 1 and not begins)
             moments[at.LAST_ERROR] = clipped
             status[at.FOLLOWS] = 1

@@ -14,10 +14,9 @@ SEEN, LEARNED, GUARDED, CLIPPED, OUTSIDE, ALARMED, GROWN, BEYOND, MAY_GROW, UNPU
 STATUS_SIZE = 12
 
 # Places in Workspace.moments
-ERROR_POWER, QUIET_POWER, NEWS_POWER, TOLERANCE, ALARM, BACKOFF, ABSORBED, PULL, LAST_ERROR, NEAREST, FARTHEST, OWED = (
-    range(12)
-)
-MOMENTS_SIZE = 12
+ERROR_POWER, QUIET_POWER, NEWS_POWER, MISFIT_POWER, TOLERANCE, ALARM, BACKOFF = range(7)
+ABSORBED, PULL, LAST_ERROR, NEAREST, FARTHEST, OWED = range(7, 13)
+MOMENTS_SIZE = 13
 
 # Places in Workspace.law
 STEP, FLOOR, LEAST_LEVERAGE, RESIDUAL_VARIANCE, LEAST_SPEED = range(5)
@@ -46,10 +45,10 @@ class Workspace:
     owed : (n,), where the parameters stood over the prior's mean at the last alarm (rls), else (0,): a share
         `moments[OWED]` of it is still to be paid back.
     law : (5,), constants of the law.
-    moments : (12,): running error power, its quiet level, the part of it that the covariance did not expect, the factor
+    moments : (13,): running error power, its quiet level, the part of it that the covariance did not expect, the factor
         on the alarm's ratio, whether it is raised, lms' back-off, samples that the covariance holds, the pull towards
         the prior that is due, the error before, the slowest and the fastest of the velocities in a row beyond an edge,
-        and the share still owed.
+        the share still owed, and the mean power of errors at velocities that are known.
     status : (12,) int64, counters; `BEYOND` counts the samples in a row beyond one edge (negative: the lower one),
         `MAY_GROW` is 1 where the range may grow, `FOLLOWS` is 1 where the last error is that of the sample before.
     errors : (cells, 3), running errors by cell of velocity (see `fit.band`).

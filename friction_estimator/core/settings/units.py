@@ -31,6 +31,9 @@ MOTION_S = 10.0
 NOISE_FACTOR = 6.0
 """Speeds above this many standard deviations of the velocity's noise are motion."""
 
+LEAST_CREEP = 0.01
+"""Share of the largest robust speed above which the time in motion counts: a fast homing must not hide slow work."""
+
 LEAST_MOTION = 0.1
 """Share of the largest robust speed above which the shaft counts as moving."""
 
@@ -169,7 +172,7 @@ def shown(samples: Samples) -> bool:
         side = np.sign(velocity[(speed >= level) & (speed <= ALONE_ABOVE * top)])
         if np.count_nonzero(np.diff(side)) >= REVERSALS:
             return True
-    moving = np.count_nonzero(speed > max(noise, LEAST_MOTION * top))
+    moving = np.count_nonzero(speed > max(noise, LEAST_CREEP * top))
     rate = samples.sample_rate_hz
     return bool(moving > MOTION_S * rate)
 
