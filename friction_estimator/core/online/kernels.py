@@ -8,7 +8,8 @@ for bit. `model.prediction` has the prediction and its gradient x, the regressor
 import numpy as np
 from numba import njit
 
-from friction_estimator.core.fit.band import COLOUR, EXTRAPOLATION, note_error, usual_variance
+from friction_estimator.core.fit.band import EXTRAPOLATION, note_error, usual_variance
+from friction_estimator.core.fit.posterior import COLOUR
 from friction_estimator.core.model.prediction import TAPS, WEIGHTS, push, regress
 from friction_estimator.core.model.structure import LARGEST_PARAMETER
 from friction_estimator.core.online import workspace as at
