@@ -36,15 +36,15 @@ JUDGES = (
 GROUPS = [("parallel", 1000.0), ("parallel", 200.0), ("hammerstein", 1000.0)]
 
 VARIED = {
-    "prior.weight_slope": (0.5, 1.0, 1.5, 2.0),
-    "prior.tap_deviation": (0.02, 0.05, 0.15, 0.5),
-    "prior.gain_deviation": (0.003, 0.03, 0.1, 0.3),
-    "prior.theory_gain_deviation": (0.03, 0.1, 0.3, 1.0),
-    "prior.tap_decay": (0.5, 0.8, 0.9, 0.97),
-    "prior.rest_deviation": (0.001, 0.003, 0.03, 1.0),
-    "prior.residual_deviation": (0.01, 0.03, 0.1, 0.3),
+    "prior.weight_slope": (0.5, 1.5, 2.0),
+    "prior.tap_deviation": (0.05, 0.15, 0.5),
+    "prior.gain_deviation": (0.003, 0.03, 0.3),
+    "prior.theory_gain_deviation": (0.03, 0.3, 1.0),
+    "prior.tap_decay": (0.5, 0.9, 0.97),
+    "prior.rest_deviation": (0.003, 0.03, 1.0),
+    "prior.residual_deviation": (0.03, 0.1, 0.3),
     "basis.companding": (0.0, 4.0, 16.0, 64.0),
-    "rls.forgetting_factor": (0.99, 0.997, 0.999, 1.0),
+    "rls.forgetting_factor": (0.99, 0.999, 1.0),
 }
 
 
