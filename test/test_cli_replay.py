@@ -331,3 +331,11 @@ def test_json_tells_the_unit_of_the_basis(capsys):
     assert basis["velocity_unit_m_s"] > 0.0
     low, high = basis["velocity_range_m_s"]
     assert basis["velocity_unit_m_s"] < high - low
+
+
+def test_a_recording_that_ends_before_the_first_contact_says_so(tmp_path, demo, capsys):
+    """A third of a stroke: replay makes do with it, a live node would still wait."""
+    assert run(faulty(tmp_path, demo[:60])) == 0
+    assert "before two reversals" in capsys.readouterr().err
+    assert run(DEMO) == 0
+    assert "before two reversals" not in capsys.readouterr().err

@@ -47,6 +47,7 @@ def run(args: argparse.Namespace) -> int:
     result = judged(session, result)
     summary = summarise(session, result, SCHEMA)
     _tell(output, summary)
+    _warn_of_contact(result)
     side_by_side.tell(output, result)
     if args.out:
         # Drawing and HTML are loaded only where they are asked for.
@@ -84,6 +85,20 @@ def summarise(loaded: Described, result: Replay, schema: str) -> dict[str, Any]:
         **result.figures(),
         "health": result.health,
     }
+
+
+def _warn_of_contact(result: Replay) -> None:
+    """Say where a live node would have behaved otherwise: it waits for a first contact that the recording lacks."""
+    contact = result.contact
+    if contact is None:
+        return
+    if not contact.ended:
+        common.warn(
+            "the recording ends before two reversals or 10 s of motion: range and units are those of what there is, "
+            "and a live node would still wait; set basis.velocity_range and force_unit"
+        )
+    if contact.dropped:
+        common.warn(f"{contact.dropped} samples came before the first contact and were let go: they are not predicted")
 
 
 def _tell(output: common.Output, summary: dict[str, Any]) -> None:

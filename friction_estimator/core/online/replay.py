@@ -19,7 +19,7 @@ from friction_estimator.core.model.structure import Extension, Model, Parameters
 from friction_estimator.core.online.estimator import Estimator, Health
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Samples
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.units import meet
+from friction_estimator.core.settings.units import Contact, meet
 
 OUTLOOK = 1.25
 """The curve is also given over this many times the velocities learned, to show what it says where it has not been."""
@@ -70,6 +70,7 @@ class Replay:
     curve : the static curve learned, with its 95 % band, over the velocities learned.
     outlook : the same curve over `OUTLOOK` times those velocities, and all others that occurred.
     others : recordings that were predicted with what was learned.
+    contact : how range and units were met; None where the whole record chose them.
     """
 
     config: Config
@@ -86,6 +87,7 @@ class Replay:
     outlook: Curve
     starts: tuple[int, ...] = (0,)
     others: tuple[Judged, ...] = ()
+    contact: Contact | None = None
 
     @property
     def parameters(self) -> Parameters:
@@ -261,6 +263,7 @@ def replay(
         starts=tuple(starts),
         curve=curve,
         outlook=outlook,
+        contact=contact,
     )
 
 
