@@ -339,3 +339,12 @@ def test_a_recording_that_ends_before_the_first_contact_says_so(tmp_path, demo, 
     assert "before two reversals" in capsys.readouterr().err
     assert run(DEMO) == 0
     assert "before two reversals" not in capsys.readouterr().err
+
+
+def test_a_retired_parameter_is_passed_over_with_one_warning(tmp_path, capsys):
+    path = tmp_path / "former.yaml"
+    path.write_text("/**:\n  ros__parameters:\n    rls:\n      relinearise: false\n")
+    assert run(DEMO, "--config", path) == 0
+    warned = [line for line in capsys.readouterr().err.splitlines() if "retired" in line]
+    assert len(warned) == 1
+    assert "rls.forgetting_factor" in warned[0]

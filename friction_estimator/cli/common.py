@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any, NoReturn, Protocol
 
 from friction_estimator.core.errors import FrictionEstimatorError, InputError
-from friction_estimator.core.settings.config import Config
-from friction_estimator.files import read_config, write_text
+from friction_estimator.core.settings.config import Config, retired
+from friction_estimator.files import read_config, read_parameters, write_text
 
 PROGRAM = "friction_estimator"
 
@@ -82,7 +82,11 @@ def topics_from(args: argparse.Namespace) -> dict[str, str]:
 
 def config_from(args: argparse.Namespace, overrides: Mapping[str, object] | None = None) -> Config:
     """Return the configuration: `--config`, then `--joint` and `overrides` (dotted names; None is no override)."""
-    config = read_config(args.config) if args.config else Config()
+    config = Config()
+    if args.config:
+        config = read_config(args.config)
+        for line in retired(read_parameters(args.config)):
+            warn(f"{args.config}: {line}")
     values = dict(overrides or {})
     if args.joint is not None:
         values["input.joint"] = args.joint
