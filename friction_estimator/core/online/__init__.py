@@ -1,1 +1,1 @@
-"""Adaptation sample by sample: laws, the compiled loop, estimator, live step, relinearisation, replay."""
+"""Adaptation sample by sample: laws, the compiled loop, estimator, live step, growth, replay."""
