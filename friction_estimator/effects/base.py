@@ -14,6 +14,7 @@ import numpy as np
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.registry import Registry
 from friction_estimator.core.sample import Floats
+from friction_estimator.effects.detection import ORDER, DataView, Fault
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.kernels import fir
 from friction_estimator.effects.reference import Reference
@@ -71,6 +72,9 @@ class Words:
 
 Params = Mapping[str, float]
 
+EVERYWHERE, REVERSAL, SLOW = "everywhere", "reversal", "slow"
+"""Values of `Effect.acts`."""
+
 
 class Effect:
     """One cause of a difference between simulation and measurement.
@@ -101,6 +105,17 @@ class Effect:
         interval, since data alone rarely tell the form (measured with the `form` keys, see benchmarks/diagnosis).
     refined : grid parameters that the diagnosis refines continuously after naming.
     steps : those of them in which the columns jump rather than bend; sought by zooming.
+    acts : "everywhere"; "reversal" where the columns act shortly after reversals only; "slow" where they are a function
+        of the time or the distance run.
+    many : True where the grid has hundreds of points: a bootstrap of its own, and a gain in most blocks.
+    recorded : True where a recorded variable is the cause: preferred to unrecorded causes that change with it.
+    about_curve : True where the effect says that the static curve F(v; p) is another one: a wrong theory may bring it.
+        Clipping and bias are none of these: they would blame the sensor for it.
+    delays : True where the effect is one time of the whole force, which the base's own memory can take up: the two are
+        compared by evidence.
+    scatters : True where the effect adds scatter rather than a mean.
+    detects_at : when `detect` is asked, one of `detection.ORDER`; "" where the effect is no fault of the data.
+    figure : kind of figure that shows it (`report.diagnosis_figures`); "reveals" is the residual over `reveals`.
     """
 
     name: ClassVar[str]
@@ -118,6 +133,14 @@ class Effect:
     systematic: ClassVar[Mapping[str, float]] = {}
     refined: ClassVar[tuple[str, ...]] = ()
     steps: ClassVar[tuple[str, ...]] = ()
+    acts: ClassVar[str] = EVERYWHERE
+    many: ClassVar[bool] = False
+    recorded: ClassVar[bool] = False
+    about_curve: ClassVar[bool] = False
+    delays: ClassVar[bool] = False
+    scatters: ClassVar[bool] = False
+    detects_at: ClassVar[str] = ""
+    figure: ClassVar[str] = "reveals"
 
     def __init__(self, size: float | None = None, **values: object) -> None:
         known = {key.name: key for key in self.keys}
@@ -180,6 +203,28 @@ class Effect:
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
         """Return fitted quantities in the names of the keys: name -> (value, unit)."""
         return {name: (value, _unit(cls, name)) for name, value in params.items()}
+
+    @classmethod
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+        """Return in words why the fitted values lie beyond what the record spans, or None where they do not."""
+        return None
+
+    @classmethod
+    def peaks(cls, residual_N: Floats, features: Features, context: Context) -> list[dict[str, float]]:  # noqa: ARG003
+        """Return parameter sets that a residual (n,) suggests, beside those of the grid."""
+        return []
+
+    # Fault of the data
+
+    @classmethod
+    def detect(cls, view: DataView) -> Fault | None:  # noqa: ARG003
+        """Return the fault that the data show, or None."""
+        return None
+
+    @classmethod
+    def repairing_term(cls, fault: Fault) -> dict[str, float] | None:  # noqa: ARG003
+        """Return the regressor's parameters that the extended model takes up, with coefficient one, for a fault."""
+        return None
 
 
 class Columns:
@@ -259,6 +304,8 @@ def effect(cls: type[Effect]) -> type[Effect]:
     """Register an effect class under its name (decorator)."""
     if cls.stage not in STAGES:
         raise ValueError(f"effect {cls.name} has the unknown stage {cls.stage!r}")
+    if cls.acts not in (EVERYWHERE, REVERSAL, SLOW) or cls.detects_at not in ORDER:
+        raise ValueError(f"effect {cls.name} acts {cls.acts!r} or is detected at {cls.detects_at!r}, which is unknown")
     EFFECTS.register(cls.name, cls)
     return cls
 

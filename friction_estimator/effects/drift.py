@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from friction_estimator.core.sample import Floats
-from friction_estimator.effects.base import Columns, Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.base import SLOW, Columns, Effect, Key, Params, Words, chosen, effect, form_key
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.reference import BOUNDARY, VISCOUS, Reference
 from friction_estimator.effects.trace import Trace
@@ -22,6 +22,7 @@ class SensorDrift(Effect):
     name = "sensor_drift"
     family = "slow_bias"
     stage = "sensor"
+    acts = SLOW
     keys = (
         Key("total", "N", 0.3, -1e6, 1e6, "drift over the whole recording"),
         form_key("fast at first: as 1 - exp(-3 t / duration)"),
@@ -74,6 +75,7 @@ class ViscosityDrift(Effect):
     name = "viscosity_drift"
     family = "slow_gain"
     stage = "lubrication"
+    acts = SLOW
     keys = (
         Key("drop", "", 0.2, 0.0, 0.95, "share of the viscosity that is lost in the end"),
         Key("time_constant", "s", 40.0, 0.01, 1e6, "time constant of warming"),
@@ -134,6 +136,7 @@ class Wear(Effect):
     name = "wear"
     family = "slow_gain"
     stage = "lubrication"
+    acts = SLOW
     keys = (
         Key("change", "", 0.2, -0.9, 10.0, "relative change of the boundary friction coefficient in the end"),
         Key("length", "m", 2.0, 1e-6, 1e9, "distance over which it happens"),
@@ -193,6 +196,7 @@ class BiasStep(Effect):
     name = "bias_step"
     family = "slow_bias"
     stage = "sensor"
+    acts = SLOW
     keys = (
         Key("step", "N", 0.3, -1e6, 1e6, "jump of the zero"),
         Key("at", "s", 30.0, 0.0, 1e9, "time of the jump"),
@@ -245,6 +249,7 @@ class GainStep(Effect):
     name = "gain_step"
     family = "gain"
     stage = "mechanics"
+    acts = SLOW
     keys = (
         Key("step", "", 0.1, -0.9, 10.0, "relative jump of the friction"),
         Key("at", "s", 30.0, 0.0, 1e9, "time of the jump"),

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from friction_estimator.core.sample import Floats
-from friction_estimator.effects.base import Columns, Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.base import REVERSAL, Columns, Effect, Key, Params, Words, chosen, effect, form_key
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.kernels import film_lag, maxwell
 from friction_estimator.effects.reference import BOUNDARY, SHEAR, Reference
@@ -112,6 +112,7 @@ class SqueezeFilm(Effect):
     name = "squeeze_film"
     family = "film"
     stage = "friction"
+    acts = REVERSAL
     keys = (
         Key("amplitude", "kg", 0.5, 0.0, 1e6, "A: force per acceleration at standstill"),
         Key("speed", "m/s", 0.01, 1e-6, 1e3, "v_f: speed at which it has fallen to a half"),
@@ -163,6 +164,7 @@ class FrictionalLag(Effect):
     name = "frictional_lag"
     family = "film"
     stage = "lubrication"
+    acts = REVERSAL
     keys = (
         Key("lag", "s", 0.01, 0.0, 100.0, "time by which the film follows the speed"),
         form_key("a pure delay of the film instead of a first-order lag"),
@@ -234,6 +236,7 @@ class PeriodicDisturbance(Effect):
     name = "periodic_disturbance"
     family = "periodic"
     stage = "mechanics"
+    many = True
     keys = (
         Key("amplitude", "N", 0.2, 0.0, 1e6, "amplitude"),
         Key("frequency", "Hz", 13.7, 1e-3, 1e5, "frequency"),

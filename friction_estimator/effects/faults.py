@@ -17,6 +17,8 @@ class VelocityMismatch(Effect):
     name = "velocity_mismatch"
     family = "data"
     stage = "sensor"
+    detects_at = "motion"
+    figure = "velocity"
     channel = "position"
     keys = (Key("gain", "", 0.03, -0.9, 10.0, "relative error of the reported velocity"),)
     size_key = "gain"
@@ -44,6 +46,8 @@ class ClockJump(Effect):
     name = "clock_jump"
     family = "data"
     stage = "stamps"
+    detects_at = "motion"
+    figure = "stamps"
     keys = (
         Key("jump", "s", 0.5, -1e6, 1e6, "by how much the stamps jump"),
         Key("at", "s", 30.0, 0.0, 1e9, "when"),
@@ -68,6 +72,8 @@ class DuplicateStamps(Effect):
     name = "duplicate_stamps"
     family = "data"
     stage = "stamps"
+    detects_at = "stamps"
+    figure = "stamps"
     keys = (Key("fraction", "", 0.01, 0.0, 0.5, "share of samples that carry the stamp of the one before"),)
     size_key = ""
     words = Words(
@@ -93,6 +99,8 @@ class StampOffset(Effect):
     name = "stamp_offset"
     family = "data"
     stage = "stamps"
+    detects_at = "stamps"
+    figure = "stamps"
     keys = (Key("offset", "s", 1e-3, -10.0, 10.0, "friction stamps minus velocity stamps"),)
     size_key = "offset"
     linear = False

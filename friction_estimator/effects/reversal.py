@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from friction_estimator.core.sample import Floats
-from friction_estimator.effects.base import Columns, Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.base import REVERSAL, Columns, Effect, Key, Params, Words, chosen, effect, form_key
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.kernels import hysteron, play, rest_spike, slip_chain
 from friction_estimator.effects.reference import Reference
@@ -23,6 +23,7 @@ class Breakaway(Effect):
     name = "breakaway"
     family = "reversal"
     stage = "friction"
+    acts = REVERSAL
     keys = (
         Key("amplitude", "N", 2.0, 0.0, 1e6, "height of the spike after 0.1 s of rest"),
         Key("length", "m", 3e-5, 1e-7, 1.0, "distance over which it decays"),
@@ -97,6 +98,7 @@ class Presliding(Effect):
     name = "presliding"
     family = "reversal"
     stage = "friction"
+    acts = REVERSAL
     keys = (
         Key("amplitude", "N", 1.0, 0.0, 1e6, "friction that the bristles carry"),
         Key("length", "m", 3e-5, 1e-7, 1.0, "bristle length: distance over which they bend"),
@@ -159,6 +161,7 @@ class Backlash(Effect):
     name = "backlash"
     family = "reversal"
     stage = "mechanics"
+    acts = REVERSAL
     keys = (
         Key("gap", "m", 2e-5, 0.0, 1.0, "play between drive and seal"),
         Key("drag", "N", 0.0, 0.0, 1e6, "force lost in the open gap beyond the friction itself"),
@@ -221,6 +224,10 @@ class StickSlip(Effect):
     name = "stick_slip"
     family = "variance"
     stage = "friction"
+    acts = REVERSAL
+    scatters = True
+    detects_at = "variance"
+    figure = "scatter"
     keys = (
         Key("amplitude", "N", 1.0, 0.0, 1e6, "amplitude of a burst"),
         Key("frequency", "Hz", 37.0, 0.1, 1e5, "frequency of the burst"),

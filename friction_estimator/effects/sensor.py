@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from friction_estimator.core.sample import Floats
-from friction_estimator.effects.base import Columns, Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.base import REVERSAL, Columns, Effect, Key, Params, Words, chosen, effect, form_key
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.kernels import RING, force_delay, force_lag
 from friction_estimator.effects.reference import FORCE, Reference
@@ -60,6 +60,8 @@ class Saturation(Effect):
     name = "saturation"
     family = "range"
     stage = "sensor"
+    detects_at = "force"
+    figure = "histogram"
     keys = (
         Key("level", "N", 5.0, 1e-9, 1e9, "largest force that the channel shows"),
         form_key("soft: f (1 + (|f|/level)^8)^(-1/8), as an amplifier near its rail"),
@@ -110,6 +112,9 @@ class Quantization(Effect):
     name = "quantization"
     family = "resolution"
     stage = "sensor"
+    scatters = True
+    detects_at = "force"
+    figure = "histogram"
     keys = (
         Key("step", "N", 0.05, 1e-12, 1e6, "distance of neighbouring values"),
         form_key("truncation towards minus infinity instead of rounding"),
@@ -136,6 +141,8 @@ class Dropout(Effect):
     name = "dropout"
     family = "transport"
     stage = "sensor"
+    detects_at = "force"
+    figure = "time"
     keys = (
         Key("fraction", "", 0.02, 0.0, 0.9, "share of samples that repeat the last good one"),
         Key("length", "samples", 5.0, 1.0, 1e4, "length of a dropout"),
@@ -169,6 +176,9 @@ class Outliers(Effect):
     name = "outliers"
     family = "spikes"
     stage = "sensor"
+    scatters = True
+    detects_at = "residual"
+    figure = "time"
     keys = (
         Key("amplitude", "N", 5.0, 0.0, 1e9, "height of a spike"),
         Key("fraction", "", 0.0005, 0.0, 0.5, "share of samples hit"),
@@ -202,6 +212,8 @@ class TimeDelay(Effect):
     name = "time_delay"
     family = "timing"
     stage = "transmission"
+    acts = REVERSAL
+    delays = True
     keys = (Key("delay", "s", 1e-3, 0.0, 1.0, "delay of the force behind the velocity"),)
     size_key = "delay"
     turns = True
@@ -264,6 +276,8 @@ class SensorLowpass(Effect):
     name = "sensor_lowpass"
     family = "timing"
     stage = "transmission"
+    acts = REVERSAL
+    delays = True
     keys = (
         Key("time_constant", "s", 1e-3, 0.0, 1.0, "time constant of the first-order filter"),
         form_key("two equal poles in series, together of the same delay"),
@@ -344,6 +358,9 @@ class VelocityNoise(Effect):
     name = "velocity_noise"
     family = "velocity"
     stage = "sensor"
+    scatters = True
+    detects_at = "residual"
+    figure = "smoothing"
     keys = (
         Key("deviation", "m/s", 1e-3, 0.0, 1e3, "standard deviation of the noise on the velocity channel"),
         form_key("correlated from sample to sample (moving average of two)"),

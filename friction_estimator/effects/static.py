@@ -20,6 +20,7 @@ class DirectionAsymmetry(Effect):
     name = "direction_asymmetry"
     family = "bias"
     stage = "friction"
+    about_curve = True
     keys = (
         Key("asymmetry", "", 0.1, -1.9, 1.9, "relative difference of the friction between the directions"),
         form_key("only the viscous slope differs: proportional to |v| |F|"),
@@ -73,6 +74,7 @@ class PositionDependence(Effect):
     name = "position_dependence"
     family = "position"
     stage = "friction"
+    many = True
     channel = "position"
     keys = (
         Key("amplitude", "N", 0.3, 0.0, 1e6, "amplitude of the ripple"),
@@ -150,6 +152,8 @@ class PressureDependence(Effect):
     name = "pressure_dependence"
     family = "pressure"
     stage = "friction"
+    recorded = True
+    about_curve = True
     channel = "pressure"
     keys = (
         Key("boundary", "N/Pa", 1e-6, -1e3, 1e3, "change of the Coulomb level per pressure"),
