@@ -33,7 +33,7 @@ class Scenario:
     Attributes
     ----------
     segments : what the drive does; see `parse_schedule`.
-    plant : name in PLANTS: rig or clean.
+    plant : name in PLANTS.
     rate_hz : of the recording.
     noise : rms of the force noise over rms of the clean friction.
     seed : of everything random.
