@@ -66,7 +66,7 @@ def test_each_effect_can_be_hidden_at_a_size(name, plant):
     keys = [item for item in (KEYS.get(name, ""), "size=0.05") if item and EFFECTS[name].size_key != item.split("=")[0]]
     effect = parse_effect(f"{name}:{','.join(keys)}")
     run = simulate(replace(SHORT, segments=TOUR, rate_hz=2000.0, plant=plant, noise=0.0, effects=(effect,)))
-    assert run.sizes[0] == pytest.approx(0.05, rel=0.3 if name in COARSE else 0.01)
+    assert run.sizes[0] == pytest.approx(0.05, rel=0.5 if name in COARSE else 0.01)
     if EFFECTS[name].stage in ("lubrication", "friction", "mechanics", "transmission"):
         np.testing.assert_allclose(run.samples.friction_N, run.clean_N + run.changes_N[0], atol=1e-9)
 
