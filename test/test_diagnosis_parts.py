@@ -14,7 +14,6 @@ from friction_estimator.diagnosis.base import OddCurve, fit_base
 from friction_estimator.diagnosis.evidence import Evidence, Rule, folds_of, null_maximum
 from friction_estimator.diagnosis.excitation import pressure_order, speed_levels
 from friction_estimator.diagnosis.floor import noise_floor
-from friction_estimator.diagnosis.library import spectral_lines
 from friction_estimator.diagnosis.products import inner
 from friction_estimator.diagnosis.record import build_record, joined, periods, reversals
 from friction_estimator.rig.drive import segment
@@ -150,17 +149,6 @@ def test_noise_of_any_colour_has_no_outliers(clean: Samples, pole: float) -> Non
     assert found is not None
     assert found.used is not None
     assert set(np.flatnonzero(~found.used)) == {517, 1493, 2581, 3444, 4719, 5301}
-
-
-def test_spectral_lines_stand_out_of_coloured_noise() -> None:
-    from scipy.signal import lfilter
-
-    rng = np.random.default_rng(8)
-    time = np.arange(20_000) / 200.0
-    noise = lfilter([1.0], [1.0, -0.8], rng.standard_normal(time.size))
-    assert spectral_lines(noise, time, 0.005) == []
-    found = spectral_lines(noise + 0.4 * np.sin(2 * np.pi * 13.7 * time), time, 0.005)
-    assert found[0] == pytest.approx(13.7, abs=0.01)
 
 
 def test_stamps_tell_their_faults() -> None:

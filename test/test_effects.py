@@ -311,3 +311,19 @@ def test_features_integrate_position_where_none_is_recorded(samples: Samples) ->
     assert recorded is not None
     drift = made.position_m - (recorded - recorded[0])
     assert np.abs(drift).max() < 2e-4
+
+
+def test_a_ripple_has_a_phase_of_its_own_in_each_recording(features: Features, reference: Reference) -> None:
+    from types import SimpleNamespace
+
+    from friction_estimator.effects.base import amplitudes, own_phases
+
+    columns = np.arange(2.0 * features.size).reshape(-1, 2)
+    number = (np.arange(features.size) >= 100).astype(np.int64)
+    split = own_phases(columns, SimpleNamespace(size=features.size, recording=number), {"recordings": 2.0})  # type: ignore[arg-type]
+    np.testing.assert_array_equal(split[:100], np.column_stack([columns[:100], 0.0 * columns[:100]]))
+    np.testing.assert_array_equal(split[100:], np.column_stack([0.0 * columns[100:], columns[100:]]))
+    assert amplitudes(np.array([3.0, 4.0, 0.0, 5.0]), {"recordings": 2.0}) == pytest.approx([5.0])
+    cls = EFFECTS["position_dependence"]
+    params = {"wavelength": 1e-3, "recordings": 3.0}
+    assert cls.columns(params)(features, reference).shape == (features.size, 12)

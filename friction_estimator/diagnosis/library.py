@@ -15,10 +15,9 @@ from friction_estimator.effects.reference import Reference
 AT_ONCE = 12
 """Hypotheses whose inner products are formed together."""
 
-LINES = 4
-"""Spectral lines that are tried as periodic disturbances."""
 
-LINE_LEVEL = 0.002
+UNKNOWN_WITHOUT = ("pressure",)
+"""Channels that nothing can stand in for where they are not recorded; the position is integrated from the velocity."""
 
 
 @dataclass(frozen=True)
@@ -86,48 +85,8 @@ def build_library(
     out = set(excluded)
     found: list[Hypothesis] = []
     for name, cls in EFFECTS.items():
-        if name in out or (cls.channel == "pressure" and "pressure" not in context.channels):
+        if name in out or (cls.channel in UNKNOWN_WITHOUT and cls.channel not in context.channels):
             continue
-        found += hypotheses(cls, cls.grid(context), features, reference, evidence)
-    if "periodic_disturbance" in EFFECTS and "periodic_disturbance" not in out:
-        lines = EFFECTS["periodic_disturbance"]
-        peaks = spectral_lines(evidence.residual, features.time_s, context.step_s)
-        found += hypotheses(lines, [{"frequency": f} for f in peaks], features, reference, evidence)
+        points = [*cls.grid(context), *cls.peaks(evidence.residual, features, context)]
+        found += hypotheses(cls, points, features, reference, evidence)
     return found
-
-
-def spectral_lines(
-    residual: Floats, time_s: Floats, step_s: float, count: int = LINES, level: float = LINE_LEVEL
-) -> list[float]:
-    """Return the frequencies of spectral lines, Hz, the clearest first.
-
-    The spectrum is padded to twice the length. A peak's power is measured against the mean of its surroundings (from
-    the median of 101 groups of neighbours, so that a coloured floor has no peaks); it is a line where noise, whose
-    power is exponentially distributed, would exceed it anywhere with a probability below `level`. Gaps are filled
-    with zeros where the recording is mostly whole.
-    """
-    place = np.round((time_s - time_s[0]) / step_s).astype(np.int64)
-    if place[-1] < 2 * residual.size and np.all(np.diff(place) >= 0):
-        even = np.zeros(int(place[-1]) + 1)
-        even[place] = residual
-        residual = even
-    n = residual.size
-    duration_s = n * step_s
-    size = 1 << int(np.ceil(np.log2(2 * n)))
-    power = np.square(np.abs(np.fft.rfft(residual, size)))
-    frequency = np.fft.rfftfreq(size, step_s)
-    group = max(1, size // (2 * n))
-    coarse = power[: power.size // group * group].reshape(-1, group).mean(axis=1)
-    padded = np.pad(coarse, 50, mode="reflect")
-    floor = np.median(np.lib.stride_tricks.sliding_window_view(padded, 101), axis=1) / np.log(2.0)
-    height = power[: floor.size * group] / np.maximum(np.repeat(floor, group), 1e-300)
-    height[frequency[: height.size] < 3.0 / duration_s] = 0.0
-    chosen: list[float] = []
-    reach = 4 * size // n
-    for _ in range(count):
-        top = int(np.argmax(height))
-        if height[top] < np.log(2.0 * n / level):
-            break
-        chosen.append(float(frequency[top]))
-        height[max(0, top - reach) : top + reach + 1] = 0.0
-    return chosen

@@ -9,10 +9,10 @@ from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.evidence import Rule, null_maximum
 from friction_estimator.diagnosis.floor import Burst, remainder_columns, variance_dependence
 from friction_estimator.diagnosis.joint import Joint
-from friction_estimator.diagnosis.library import spectral_lines
 from friction_estimator.diagnosis.quality import SPIKE, Finding, local_scale
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.search import FLIPS, LEVEL, Search
+from friction_estimator.effects.spectrum import spectral_lines
 
 PARTIAL = 0.10
 """Share of the excess over the noise that must be left for the answer to be called partial."""
@@ -139,7 +139,7 @@ def _line(record: Record, joint: Joint) -> tuple[float, float] | None:
     f = record.features
     residual = joint.residual_N * record.used
     step = float(np.median(f.step_s[f.step_s > 0.0]))
-    lines = spectral_lines(residual, f.time_s, step, 1)
+    lines = spectral_lines(residual, f.time_s, step, 1, periods_s=record.periods_s)
     if not lines:
         return None
     angle = 2.0 * np.pi * lines[0] * f.time_s

@@ -13,7 +13,7 @@ import numpy as np
 
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.registry import Registry
-from friction_estimator.core.sample import Floats
+from friction_estimator.core.sample import Floats, Ints
 from friction_estimator.effects.detection import ORDER, DataView, Fault
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.kernels import fir
@@ -271,6 +271,43 @@ def through_fir(step_s: Floats, values: Floats, taps: Floats, ring: Floats) -> F
     out = np.empty(values.shape)
     fir(step_s, np.ascontiguousarray(values), taps, ring, out)
     return np.asarray(out / (1.0 + taps.sum()))
+
+
+RECORDINGS = "recordings"
+"""Parameter of columns that have a phase of their own in each recording: the number of recordings."""
+
+
+def recording_of(features: Features) -> Ints:
+    """Return the number of the recording of each sample, (n,); one alone has the number 0."""
+    known = getattr(features, "recording", None)
+    return np.zeros(features.size, np.int64) if known is None else np.asarray(known, np.int64)
+
+
+def own_phases(columns: Floats, features: Features, params: Params) -> Floats:
+    """Return (n, c) columns as (n, c recordings): each recording has coefficients of its own.
+
+    Clocks and encoders may have another origin in each. A recording beyond those that were fitted takes the last ones.
+    """
+    count = round(params.get(RECORDINGS, 1.0))
+    if count == 1:
+        return columns
+    number = np.minimum(recording_of(features), count - 1)
+    out = np.zeros((columns.shape[0], count, columns.shape[1]))
+    out[np.arange(number.size), number] = columns
+    return out.reshape(columns.shape[0], -1)
+
+
+def amplitudes(weights: Floats, params: Params) -> Floats:
+    """Return for each pair of cosine and sine the rms amplitude over the recordings, (pairs,)."""
+    count = round(params.get(RECORDINGS, 1.0))
+    squares = np.square(weights).reshape(count, -1, 2).sum(axis=2)
+    return np.asarray(np.sqrt(squares.mean(axis=0)))
+
+
+def several(features: Features) -> dict[str, float]:
+    """Return the parameter that gives each recording its own phase, empty where there is one recording."""
+    count = int(recording_of(features).max()) + 1 if features.size else 1
+    return {RECORDINGS: float(count)} if count > 1 else {}
 
 
 class RunningForce:

@@ -7,10 +7,26 @@ from typing import ClassVar
 import numpy as np
 
 from friction_estimator.core.sample import Floats
-from friction_estimator.effects.base import REVERSAL, Columns, Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.base import (
+    RECORDINGS,
+    REVERSAL,
+    Columns,
+    Effect,
+    Key,
+    Params,
+    Words,
+    amplitudes,
+    chosen,
+    effect,
+    form_key,
+    own_phases,
+    recording_of,
+    several,
+)
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.kernels import film_lag, maxwell
 from friction_estimator.effects.reference import BOUNDARY, SHEAR, Reference
+from friction_estimator.effects.spectrum import spectral_lines
 from friction_estimator.effects.trace import Trace
 
 
@@ -259,16 +275,25 @@ class PeriodicDisturbance(Effect):
         return trace.with_friction(trace.friction_N + self["amplitude"] * wave)
 
     @classmethod
+    def peaks(cls, residual_N: Floats, features: Features, context: Context) -> list[dict[str, float]]:
+        """Lines of the residual's spectrum that are no harmonics of the drive."""
+        number = recording_of(features)
+        lines = spectral_lines(
+            residual_N, features.time_s, context.step_s, periods_s=context.periods_s, recording=number
+        )
+        return [{"frequency": line} | several(features) for line in lines]
+
+    @classmethod
     def columns(cls, params: Params) -> Columns:
-        """Return cos and sin of 2 pi f t (and of its harmonics); the diagnosis finds f in the spectrum."""
+        """Return cos and sin of 2 pi f t (and of its harmonics), for each recording."""
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
             angle = 2.0 * np.pi * params["frequency"] * f.time_s
             order = range(1, count + 1)
-            return np.column_stack([wave(k * angle) for k in order for wave in (np.cos, np.sin)])
+            return own_phases(np.column_stack([wave(k * angle) for k in order for wave in (np.cos, np.sin)]), f, params)
 
         count = round(params.get("harmonics", 1.0))
-        return Columns(compute, 2 * count)
+        return Columns(compute, 2 * count * round(params.get(RECORDINGS, 1.0)))
 
     @classmethod
     def variants(cls, params: Params) -> list[dict[str, float]]:
@@ -279,7 +304,7 @@ class PeriodicDisturbance(Effect):
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
         """Amplitude and frequency."""
         return {
-            "amplitude": (float(np.hypot(weights[0], weights[1])), "N"),
+            "amplitude": (float(amplitudes(weights, params)[0]), "N"),
             "frequency": (params["frequency"], "Hz"),
         }
 

@@ -6,10 +6,25 @@ from typing import ClassVar
 import numpy as np
 
 from friction_estimator.core.sample import Floats
-from friction_estimator.effects.base import Columns, Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.base import (
+    RECORDINGS,
+    Columns,
+    Effect,
+    Key,
+    Params,
+    Words,
+    amplitudes,
+    chosen,
+    effect,
+    form_key,
+    own_phases,
+    recording_of,
+    several,
+)
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.kernels import waves
 from friction_estimator.effects.reference import Reference
+from friction_estimator.effects.spectrum import ripple_wavelengths
 from friction_estimator.effects.trace import Trace
 
 
@@ -107,27 +122,42 @@ class PositionDependence(Effect):
         return chosen(context.stroke_m / waves, "wavelength")
 
     @classmethod
+    def peaks(cls, residual_N: Floats, features: Features, context: Context) -> list[dict[str, float]]:  # noqa: ARG003
+        """Shorter wavelengths, and those with an origin of their own in each recording, from spectra over the place."""
+        number = recording_of(features)
+        found = ripple_wavelengths(residual_N, features.position_m, features.direction, number)
+        return [{"wavelength": wavelength} | several(features) for wavelength in found]
+
+    @classmethod
     def columns(cls, params: Params) -> Columns:
-        """Return cos and sin of 2 pi x / L in each direction, times |F| where it `modulates`."""
+        """Return cos and sin of 2 pi x / L in each direction, for each recording, times |F| where it `modulates`."""
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
             out = np.empty((f.size, 4))
             waves(f.position_m, f.direction, params["wavelength"], out)
             if params.get("modulates", 0.0) >= 0.5:
                 out *= np.abs(f.force_N)[:, None]
-            return out
+            return own_phases(out, f, params)
 
-        return Columns(compute, 4)
+        return Columns(compute, 4 * round(params.get(RECORDINGS, 1.0)))
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:
         """Amplitude in each direction (at the rms of friction, where it modulates) and wavelength."""
         unit = context.force_rms_N if params.get("modulates", 0.0) >= 0.5 else 1.0
+        forward, backward = amplitudes(weights, params).tolist()
         return {
-            "amplitude_forward": (float(np.hypot(weights[0], weights[1])) * unit, "N"),
-            "amplitude_backward": (float(np.hypot(weights[2], weights[3])) * unit, "N"),
+            "amplitude_forward": (forward * unit, "N"),
+            "amplitude_backward": (backward * unit, "N"),
             "wavelength": (params["wavelength"], "m"),
         }
+
+    @classmethod
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+        """A wave that the stroke does not hold twice is a spring or a bend of the curve."""
+        if params["wavelength"] > 0.5 * context.stroke_m * (1.0 + 1e-9):
+            return f"its wavelength of {params['wavelength']:.3g} m is longer than half the stroke"
+        return None
 
     @classmethod
     def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
