@@ -77,19 +77,19 @@ class Scaled:
 
 
 def scaled_theory(seal: SealConfig, force: float, motion: float) -> SealConfig:
-    """Return the theory with d'(v) = F d(v/s): a larger seal with the film of the slower one.
+    """Return the theory with d'(v) = F d(v/s): a wider lip with the film of the usual one.
 
     Formula::
 
-        D' = F D,   v_s' = s v_s,   k_w' = s k_w,   phi' = phi / s
+        b0' = F b0,   v_s' = s v_s,   k_w' = F s k_w,   phi' = phi / s
 
-    since eta e / w and phi eta v / h then stay what they were (SealCurve).
+    since eta e / w with w = k_w p_c / b, and phi eta v / h, then stay what they were (SealCurve).
     """
     return replace(
         seal,
-        shaft_diameter=seal.shaft_diameter * force,
+        contact_width=seal.contact_width * force,
         sign_velocity=seal.sign_velocity * motion,
-        inlet_gradient=seal.inlet_gradient * motion,
+        inlet_gradient=seal.inlet_gradient * force * motion,
         viscous_factor=seal.viscous_factor / motion,
     )
 

@@ -174,7 +174,7 @@ def simulate(scenario: Scenario, law: Law | None = None) -> Simulation:
         effects=tuple(effects),
         changes_N=tuple(
             change_alone(effect, clean, scenario.every, np.random.default_rng(seed))
-            for effect, seed in zip(effects, _effect_seeds(scenario.seed, len(effects)), strict=True)
+            for effect, seed in zip(effects, effect_seeds(scenario.seed, len(effects)), strict=True)
         ),
         noise_N=noise,
         theory_N=SealCurve(scenario.seal).evaluate(
@@ -228,6 +228,6 @@ def change_alone(effect: Effect, clean: Trace, every: int, rng: np.random.Genera
     return change if coarse else change[::every]
 
 
-def _effect_seeds(seed: int, count: int) -> list[int]:
+def effect_seeds(seed: int, count: int) -> list[int]:
     """Return the seeds that `effects.compose` gives to its effects: the truth is about the same draws."""
     return [int(own.generate_state(1)[0]) for own in np.random.SeedSequence(seed).spawn(count + 1)[1:]]
