@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from friction_estimator.bag.read import Recording
 from friction_estimator.core.errors import UnanswerableError
 from friction_estimator.core.intake.admission import Intake
+from friction_estimator.core.intake.encoder import Wraps
 from friction_estimator.core.sample import NS_PER_S, Samples
 from friction_estimator.core.settings.config import Config
 
@@ -26,6 +27,7 @@ class Admitted:
     read : samples and unpaired messages seen, used and rejected together.
     rejected : by reason (see `pairing.REASONS`).
     gaps, jumps : gaps in time, and backward jumps of the clock.
+    wraps : wraps of the position's encoder, which were undone.
     """
 
     samples: Samples
@@ -33,6 +35,7 @@ class Admitted:
     rejected: Mapping[str, int]
     gaps: int
     jumps: int
+    wraps: Wraps
 
 
 def to_samples(recording: Recording, config: Config) -> Admitted:
@@ -64,11 +67,14 @@ def to_samples(recording: Recording, config: Config) -> Admitted:
             ("position", "position_m"),
         )
     }
+    if intake.encoder.wraps.count:
+        held["position_shift_m"] = joined("position_shift_m")
     samples = Samples(
         *(joined(name) for name in ("stamp_ns", "velocity_m_s", "friction_N", "restart")),  # type: ignore[arg-type]
         **held,  # type: ignore[arg-type]
     )
-    return Admitted(samples, used + sum(counts.values()), counts, intake.sequencer.gaps, intake.sequencer.jumps)
+    breaks = intake.sequencer
+    return Admitted(samples, used + sum(counts.values()), counts, breaks.gaps, breaks.jumps, intake.encoder.wraps)
 
 
 def _why_none(recording: Recording, counts: Mapping[str, int]) -> str:

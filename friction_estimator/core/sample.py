@@ -27,6 +27,7 @@ class Samples:
     pressure_Pa : (n,) float64 or None, absolute pressure held at the sample, Pa; NaN before the first value.
     temperature_degC : (n,) float64 or None, held at the sample, degree Celsius; NaN before the first value.
     position_m : (n,) float64 or None, shaft position held at the sample, m; NaN before the first value.
+    position_shift_m : (n,) float64 or None, what was added to the recorded position where its encoder had wrapped, m.
     """
 
     stamp_ns: Ints
@@ -36,6 +37,7 @@ class Samples:
     pressure_Pa: Floats | None = None
     temperature_degC: Floats | None = None
     position_m: Floats | None = None
+    position_shift_m: Floats | None = None
 
     def __post_init__(self) -> None:
         n = self.stamp_ns.size

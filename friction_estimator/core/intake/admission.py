@@ -1,9 +1,10 @@
-"""The one way from messages to samples: pairing, sign, admission. Used by the live node and by replay alike."""
+"""The one way from messages to samples: pairing, sign, admission, turns. Used by the live node and by replay alike."""
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from friction_estimator.core.intake.pairing import USED, Pairer, Pairs, Sequencer
+from friction_estimator.core.intake.encoder import Encoder
+from friction_estimator.core.intake.pairing import POSITION, PRESSURE, USED, Pairer, Pairs, Sequencer
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
 
@@ -35,6 +36,7 @@ class Intake:
     def __init__(self, config: Config, capacity: int | None = None) -> None:
         self.pairer = Pairer(config.sync, capacity)
         self.sequencer = Sequencer(config.sync)
+        self.encoder = Encoder()
         self.sign = float(config.input.friction_sign)
 
     def push(self, stream: ArrayLike, stamp_ns: ArrayLike, value: ArrayLike) -> Samples:
@@ -49,14 +51,17 @@ class Intake:
         status, restart = self.sequencer.admit(pairs.stamp_ns, pairs.velocity_m_s, pairs.friction_N)
         used = status == USED
         held = pairs.held[used]
+        stamp_ns, velocity_m_s, begins = pairs.stamp_ns[used], pairs.velocity_m_s[used], restart[used]
+        position_m = held[:, POSITION - PRESSURE].copy()
         return Samples(
-            stamp_ns=pairs.stamp_ns[used],
-            velocity_m_s=pairs.velocity_m_s[used],
+            stamp_ns=stamp_ns,
+            velocity_m_s=velocity_m_s,
             friction_N=self.sign * pairs.friction_N[used],
-            restart=restart[used],
+            restart=begins,
             pressure_Pa=np.ascontiguousarray(held[:, 0]),
             temperature_degC=np.ascontiguousarray(held[:, 1]),
-            position_m=np.ascontiguousarray(held[:, 2]),
+            position_shift_m=self.encoder.push(stamp_ns, velocity_m_s, begins, position_m),
+            position_m=position_m,
         )
 
     def flush(self) -> None:

@@ -13,7 +13,8 @@ from math import isfinite
 import numpy as np
 
 from friction_estimator.core.intake.admission import Intake
-from friction_estimator.core.intake.pairing import HELD, USED, Pairs, admit, pair
+from friction_estimator.core.intake.encoder import unwrap
+from friction_estimator.core.intake.pairing import HELD, POSITION, PRESSURE, USED, Pairs, admit, pair
 from friction_estimator.core.model.basis import WaveletBasis, wavelet_rows
 from friction_estimator.core.model.theory_seal import SealCurve, seal_loop
 from friction_estimator.core.online import kernels
@@ -85,6 +86,7 @@ class LiveStep(Events):
         self._out = stamp, velocity, friction, held
         self._stamp, self._velocity, self._friction, self._held = stamp[:1], velocity[:1], friction[:1], held[:1]
         self._status, self._restart = np.zeros(1, np.int8), np.zeros(1, np.bool_)
+        self._position, self._shift = np.zeros(1), np.zeros(1)
         self._learn, self._predicted, self._deviation = np.zeros(1, np.bool_), np.zeros(1), np.zeros(1)
         self._pressure, self._temperature = np.zeros(1), np.zeros(1)
         self._theory, self._target = np.zeros(1), np.zeros(1)
@@ -109,6 +111,9 @@ class LiveStep(Events):
         self._admission = intake.sequencer.arguments(
             self._stamp, self._velocity, self._friction, self._status, self._restart
         )
+        self._unwrapping = intake.encoder.arguments(
+            self._stamp, self._velocity, self._restart, self._position, self._shift
+        )
 
     def run(self, count: int, *, learn: bool, most: int | None = None) -> list[Prediction]:
         """Take the first `count` events of `stream`, `stamp_ns`, `value`, in order of arrival.
@@ -127,7 +132,13 @@ class LiveStep(Events):
             return self.work_off(most, learn=learn) if self.behind else []
         if joined == 1 and estimator is not None and self._usual and not self.behind:
             admit(*self._admission)
-            return [self._step(estimator, learn)] if self._status.item() == USED else []
+            if self._status.item() != USED:
+                return []
+            position = self._held.item(0, POSITION - PRESSURE)
+            if isfinite(position):  # nothing here depends on it, but turns are counted from sample to sample
+                self._position[0] = position
+                unwrap(*self._unwrapping)
+            return [self._step(estimator, learn)]
         stamp, velocity, friction, held = self._out
         pairs = Pairs(*(a[:joined].copy() for a in (stamp, velocity, friction, held)))  # type: ignore[arg-type]
         samples = self.intake.admit(pairs)
