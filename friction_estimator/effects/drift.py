@@ -9,10 +9,13 @@ import numpy as np
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import SLOW, Columns, Effect, Key, Params, Words, chosen, effect, form_key
 from friction_estimator.effects.features import Context, Features
+from friction_estimator.effects.grids import STRAIGHT
 from friction_estimator.effects.reference import BOUNDARY, VISCOUS, Reference
 from friction_estimator.effects.trace import Trace
 
 CHANGE_POINTS = 24
+EDGE = 0.005
+"""Of the recording: a step so near to an end changes too few samples to be one."""
 
 
 @effect
@@ -122,8 +125,15 @@ class ViscosityDrift(Effect):
 
     @classmethod
     def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
-        """Never beyond four times the recording: a longer one is a straight line, and so is that."""
-        return (value / 2.5, min(value * 2.5, 4.0 * context.duration_s))
+        """Never beyond twice the recording: a longer one is a straight line, and so is that."""
+        return (value / 2.5, min(value * 2.5, STRAIGHT * context.duration_s))
+
+    @classmethod
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+        """Beyond twice the recording only its start is seen, and its end is invented."""
+        if params["time_constant"] > STRAIGHT * context.duration_s * (1.0 + 1e-6):
+            return f"its time constant of {params['time_constant']:.3g} s is beyond twice the recording"
+        return None
 
     signs = (1,)
     refined = ("time_constant",)
@@ -183,8 +193,15 @@ class Wear(Effect):
 
     @classmethod
     def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
-        """Never beyond four times the distance run: a longer one is a straight line, and so is that."""
-        return (value / 2.5, min(value * 2.5, 4.0 * context.distance_m))
+        """Never beyond twice the distance run: a longer one is a straight line, and so is that."""
+        return (value / 2.5, min(value * 2.5, STRAIGHT * context.distance_m))
+
+    @classmethod
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+        """Beyond twice the distance run only its start is seen, and its end is invented."""
+        if params["length"] > STRAIGHT * context.distance_m * (1.0 + 1e-6):
+            return f"its length of {params['length']:.3g} m is beyond twice the distance run"
+        return None
 
     refined = ("length",)
 
@@ -234,9 +251,13 @@ class BiasStep(Effect):
 
     @classmethod
     def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
-        """To the neighbouring change points; a step at the very start is a bias."""
-        reach = context.duration_s / CHANGE_POINTS
-        return (max(0.5 * reach, value - reach), min(context.duration_s - 0.5 * reach, value + reach))
+        """To the neighbouring change points; a step at the very start is a bias, one at the very end a few samples."""
+        return _about(value, context)
+
+    @classmethod
+    def peaks(cls, residual_N: Floats, features: Features, context: Context) -> list[dict[str, float]]:  # noqa: ARG003
+        """Change points evenly over the samples, which a pause holds none of, and closer to both ends."""
+        return chosen(_recorded_change_points(features), "at")
 
     refined = ("at",)
     steps = ("at",)
@@ -292,9 +313,13 @@ class GainStep(Effect):
 
     @classmethod
     def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
-        """To the neighbouring change points; a step at the very start is a bias."""
-        reach = context.duration_s / CHANGE_POINTS
-        return (max(0.5 * reach, value - reach), min(context.duration_s - 0.5 * reach, value + reach))
+        """To the neighbouring change points; a step at the very start is a bias, one at the very end a few samples."""
+        return _about(value, context)
+
+    @classmethod
+    def peaks(cls, residual_N: Floats, features: Features, context: Context) -> list[dict[str, float]]:  # noqa: ARG003
+        """Change points evenly over the samples, which a pause holds none of, and closer to both ends."""
+        return chosen(_recorded_change_points(features), "at")
 
     refined = ("at",)
     steps = ("at",)
@@ -302,6 +327,20 @@ class GainStep(Effect):
 
 def _change_points(context: Context) -> Floats:
     return np.asarray(context.duration_s * np.arange(1, CHANGE_POINTS) / CHANGE_POINTS)
+
+
+def _recorded_change_points(features: Features) -> Floats:
+    """Return the times of samples that part the record evenly, finer in the first and last part."""
+    edge = np.array([0.25, 0.5]) / CHANGE_POINTS
+    parts = np.concatenate([edge, np.arange(1, CHANGE_POINTS) / CHANGE_POINTS, 1.0 - edge[::-1]])
+    return np.asarray(features.time_s[(parts * (features.size - 1)).astype(np.int64)])
+
+
+def _about(value: float, context: Context) -> tuple[float, float]:
+    """Return the range in which the time of a step is sought."""
+    reach = context.duration_s / CHANGE_POINTS
+    edge = EDGE * context.duration_s
+    return (min(max(edge, value - reach), value), max(min(context.duration_s - edge, value + reach), value))
 
 
 def _after(trace: Trace, at: float, form: float) -> Floats:

@@ -24,9 +24,10 @@ from friction_estimator.effects.base import (
     several,
 )
 from friction_estimator.effects.features import Context, Features
+from friction_estimator.effects.grids import beyond_time, geometric, longest_piece_s, longest_relaxation_s, times
 from friction_estimator.effects.kernels import film_lag, maxwell
 from friction_estimator.effects.reference import BOUNDARY, SHEAR, Reference
-from friction_estimator.effects.spectrum import spectral_lines
+from friction_estimator.effects.spectrum import SLOWEST, spectral_lines
 from friction_estimator.effects.trace import Trace
 
 
@@ -80,14 +81,21 @@ class SideSpring(Effect):
     family = "spring"
     stage = "mechanics"
     keys = (
-        Key("stiffness", "N/m", 10.0, 0.0, 1e9, "stiffness about the middle of the stroke"),
+        Key(
+            "stiffness",
+            "N/m",
+            10.0,
+            -1e9,
+            1e9,
+            "stiffness about the middle of the stroke, below 0 for a toggle",
+        ),
         form_key("hardening: k x (0.85 + 0.2 (x / half stroke)^2)"),
     )
     size_key = "stiffness"
     reveals = "position_m"
     systematic: ClassVar[Mapping[str, float]] = {"stiffness": 0.01}
     words = Words(
-        "something beside the seal is elastic (cable, hose, bellows)",
+        "something beside the seal is elastic (cable, hose, bellows), or pushes away from the middle (magnet, toggle)",
         "the residual is proportional to the position, the same at every period",
         {
             "inertia": "a second period or stroke: a spring does not change, inertia grows with 1/T^2",
@@ -117,8 +125,6 @@ class SideSpring(Effect):
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
         """Stiffness."""
         return {"stiffness": (float(weights[0]), "N/m")}
-
-    signs = (1,)
 
 
 @effect
@@ -169,6 +175,13 @@ class SqueezeFilm(Effect):
         """Amplitude and speed."""
         return {"amplitude": (float(weights[0]), "kg"), "speed": (params["speed"], "m/s")}
 
+    @classmethod
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+        """Above the top speed it would act at every speed, and be inertia of the other sign."""
+        if params["speed"] > context.top_speed_m_s:
+            return f"its speed of {params['speed']:.3g} m/s is above the largest of the drive"
+        return None
+
     signs = (1,)
     refined = ("speed",)
 
@@ -211,9 +224,14 @@ class FrictionalLag(Effect):
         return replace(trace, film_speed_m_s=np.maximum(_lag(speed, trace.step_s, lag), 0.0))
 
     @classmethod
-    def grid(cls, context: Context) -> list[dict[str, float]]:  # noqa: ARG003
-        """Lags from 0.25 ms to 0.25 s."""
-        return chosen(2.5e-4 * 2.0 ** np.arange(0.0, 10.5, 1.0), "lag")
+    def grid(cls, context: Context) -> list[dict[str, float]]:
+        """Lags from 0.02 samples to a quarter of the shortest period."""
+        return chosen(times(context), "lag")
+
+    @classmethod
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+        """Neither far below a sample nor a good part of a stroke."""
+        return beyond_time("lag", params["lag"], context)
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
@@ -309,6 +327,15 @@ class PeriodicDisturbance(Effect):
         }
 
     @classmethod
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+        """Three cycles in a piece without a gap, and two samples in a cycle."""
+        if params["frequency"] * longest_piece_s(context) < SLOWEST:
+            return f"fewer than {SLOWEST:.0f} cycles of {params['frequency']:.3g} Hz fit into a piece without a gap"
+        if params["frequency"] * context.step_s > 0.5:
+            return f"{params['frequency']:.3g} Hz is above half the sample rate"
+        return None
+
+    @classmethod
     def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
         """Half a line's width to each side."""
         return (value - 0.4 / context.duration_s, value + 0.4 / context.duration_s)
@@ -356,9 +383,25 @@ class ViscoelasticRelaxation(Effect):
 
     @classmethod
     def grid(cls, context: Context) -> list[dict[str, float]]:
-        """Time constants from 10 ms to 10 s."""
-        longest = min(10.0, context.duration_s / 4.0)
-        return chosen(np.geomspace(0.01, max(longest, 0.02), 10), "time_constant")
+        """Time constants from two samples to what the record can show, at most ten of the longest period."""
+        low = 2.0 * context.step_s
+        longest = min(10.0 * max(context.periods_s, default=np.inf), longest_relaxation_s(context))
+        return chosen(geometric(low, max(longest, 2.0 * low), 2.2), "time_constant")
+
+    @classmethod
+    def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
+        """Never beyond what the record can show: a longer one is a spring."""
+        return (value / 2.5, max(min(value * 2.5, longest_relaxation_s(context)), value / 2.0))
+
+    @classmethod
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+        """A time that the record does not go through several times is that of a spring."""
+        if params["time_constant"] > longest_relaxation_s(context) * (1.0 + 1e-6):
+            return (
+                f"its time constant of {params['time_constant']:.3g} s is beyond a fifth of the record, or beyond its "
+                "longest piece without a gap"
+            )
+        return None
 
     @classmethod
     def columns(cls, params: Params) -> Columns:

@@ -8,12 +8,13 @@ import numpy as np
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import REVERSAL, Columns, Effect, Key, Params, Words, chosen, effect, form_key
 from friction_estimator.effects.features import Context, Features
+from friction_estimator.effects.grids import beyond_length, lengths
 from friction_estimator.effects.kernels import hysteron, play, rest_spike, slip_chain
 from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.trace import Trace
 
-LENGTHS = (4e-6, 8e-6, 16e-6, 32e-6, 64e-6, 128e-6, 256e-6, 512e-6)
-"""Distances after a reversal that the diagnosis tries first, m."""
+GAP_RATIO = 1.8
+"""Of neighbouring gaps in the grid: a box must overlap the true one by more than a half."""
 
 
 @effect
@@ -26,7 +27,7 @@ class Breakaway(Effect):
     acts = REVERSAL
     keys = (
         Key("amplitude", "N", 2.0, 0.0, 1e6, "height of the spike after 0.1 s of rest"),
-        Key("length", "m", 3e-5, 1e-7, 1.0, "distance over which it decays"),
+        Key("length", "m", 3e-5, 1e-12, 1.0, "distance over which it decays"),
         Key("rest_speed", "m/s", 2e-3, 1e-9, 1.0, "slower than this counts as rest"),
         form_key("grows with the logarithm of the dwell time instead of its square root"),
     )
@@ -64,10 +65,12 @@ class Breakaway(Effect):
 
     @classmethod
     def grid(cls, context: Context) -> list[dict[str, float]]:
-        """Lengths from 4 um to 0.5 mm, growth with the dwell from slow to fast."""
+        """Lengths over the distances that the record resolves, growth with the dwell from slow to fast."""
         rest = context.sign_velocity_m_s
         return [
-            {"length": length, "exponent": power, "rest_speed": rest} for length in LENGTHS for power in (0.25, 0.5)
+            {"length": float(length), "exponent": power, "rest_speed": rest}
+            for length in lengths(context)
+            for power in (0.25, 0.5)
         ]
 
     @classmethod
@@ -87,6 +90,11 @@ class Breakaway(Effect):
         """Height after 0.1 s of rest, and length."""
         return {"amplitude": (float(weights[0]), "N"), "length": (params["length"], "m")}
 
+    @classmethod
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+        """A length that takes much of the stroke is no matter of reversals."""
+        return beyond_length("length", params["length"], context)
+
     signs = (1,)
     refined = ("length",)
 
@@ -101,7 +109,7 @@ class Presliding(Effect):
     acts = REVERSAL
     keys = (
         Key("amplitude", "N", 1.0, 0.0, 1e6, "friction that the bristles carry"),
-        Key("length", "m", 3e-5, 1e-7, 1.0, "bristle length: distance over which they bend"),
+        Key("length", "m", 3e-5, 1e-12, 1.0, "bristle length: distance over which they bend"),
         form_key("elastic-slip (a straight ramp of the same area) instead of an exponential"),
     )
     size_key = "amplitude"
@@ -130,9 +138,9 @@ class Presliding(Effect):
         return trace.with_friction(trace.friction_N + self["amplitude"] * out)
 
     @classmethod
-    def grid(cls, context: Context) -> list[dict[str, float]]:  # noqa: ARG003
-        """Lengths from 4 um to 0.5 mm."""
-        return chosen(LENGTHS, "length")
+    def grid(cls, context: Context) -> list[dict[str, float]]:
+        """Lengths over the distances that the record resolves."""
+        return chosen(lengths(context), "length")
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
@@ -149,6 +157,11 @@ class Presliding(Effect):
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
         """Force of the bristles and their length."""
         return {"amplitude": (float(weights[0]), "N"), "length": (params["length"], "m")}
+
+    @classmethod
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+        """A length that takes much of the stroke is no matter of reversals."""
+        return beyond_length("length", params["length"], context)
 
     signs = (1,)
     refined = ("length",)
@@ -196,9 +209,14 @@ class Backlash(Effect):
         return trace.with_friction(trace.friction_N - lost * open_)
 
     @classmethod
-    def grid(cls, context: Context) -> list[dict[str, float]]:  # noqa: ARG003
-        """Gaps from 1.5 um to 1.5 mm."""
-        return chosen(1.5e-6 * 10.0 ** np.arange(0.0, 3.01, 0.25), "gap")
+    def grid(cls, context: Context) -> list[dict[str, float]]:
+        """Gaps over the distances that the record resolves."""
+        return chosen(lengths(context, GAP_RATIO), "gap")
+
+    @classmethod
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+        """A gap that takes much of the stroke is no play."""
+        return beyond_length("gap", params["gap"], context)
 
     @classmethod
     def columns(cls, params: Params) -> Columns:

@@ -9,6 +9,7 @@ import numpy as np
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import REVERSAL, Columns, Effect, Key, Params, Words, chosen, effect, form_key
 from friction_estimator.effects.features import Context, Features
+from friction_estimator.effects.grids import beyond_time, times
 from friction_estimator.effects.kernels import RING, force_delay, force_lag
 from friction_estimator.effects.reference import FORCE, Reference
 from friction_estimator.effects.trace import Trace
@@ -90,6 +91,13 @@ class Saturation(Effect):
     def grid(cls, context: Context) -> list[dict[str, float]]:
         """Levels from half the largest force upwards."""
         return chosen(context.force_top_N * np.linspace(0.5, 0.98, 13), "level")
+
+    @classmethod
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+        """A level that the force never reaches clips nothing."""
+        if params["level"] > context.force_top_N:
+            return f"its level of {params['level']:.3g} N is above every force of the model"
+        return None
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
@@ -238,9 +246,9 @@ class TimeDelay(Effect):
         return trace.with_friction(np.asarray(CubicSpline(trace.time_s, trace.friction_N)(when)))
 
     @classmethod
-    def grid(cls, context: Context) -> list[dict[str, float]]:  # noqa: ARG003
-        """Delays from 50 us to 50 ms."""
-        return chosen(5e-5 * 2.0 ** np.arange(0.0, 10.5, 1.0), "delay")
+    def grid(cls, context: Context) -> list[dict[str, float]]:
+        """Delays from 0.02 samples to a quarter of the shortest period."""
+        return chosen(times(context), "delay")
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
@@ -263,6 +271,11 @@ class TimeDelay(Effect):
             return out
 
         return Columns(compute, state=1 + 2 * RING, filtered=True)
+
+    @classmethod
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+        """Neither far below a sample nor a good part of a stroke."""
+        return beyond_time("delay", params["delay"], context)
 
     signs = (1,)
     fixed_gain = True
@@ -308,9 +321,9 @@ class SensorLowpass(Effect):
         return trace.with_friction(_lag(force, trace.step_s, tau))
 
     @classmethod
-    def grid(cls, context: Context) -> list[dict[str, float]]:  # noqa: ARG003
-        """Time constants from 50 us to 50 ms."""
-        return chosen(5e-5 * 2.0 ** np.arange(0.0, 10.5, 1.0), "time_constant")
+    def grid(cls, context: Context) -> list[dict[str, float]]:
+        """Time constants from 0.02 samples to a quarter of the shortest period."""
+        return chosen(times(context), "time_constant")
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
@@ -334,6 +347,11 @@ class SensorLowpass(Effect):
             return out
 
         return Columns(compute, state=3, filtered=True)
+
+    @classmethod
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+        """Neither far below a sample nor a good part of a stroke."""
+        return beyond_time("time constant", params["time_constant"], context)
 
     signs = (1,)
     fixed_gain = True

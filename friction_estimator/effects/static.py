@@ -27,6 +27,9 @@ from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.spectrum import ripple_wavelengths
 from friction_estimator.effects.trace import Trace
 
+SIGN_SHARE = 60.0
+"""The simulated Coulomb level turns its sign within the top speed over this, as in a record without a theory."""
+
 
 @effect
 class DirectionAsymmetry(Effect):
@@ -213,7 +216,8 @@ class PressureDependence(Effect):
             root = np.sqrt(np.maximum(pressure, 0.0))
             pressure = root * (np.ptp(pressure) / max(float(np.ptp(root)), 1e-300))
         lift = pressure - pressure.mean()
-        level = (self["boundary"] + self["curvature"] * lift) * np.tanh(trace.velocity_m_s / 2e-3)
+        smooth = float(np.abs(trace.velocity_m_s).max()) / SIGN_SHARE or 1.0
+        level = (self["boundary"] + self["curvature"] * lift) * np.tanh(trace.velocity_m_s / smooth)
         return trace.with_friction(trace.friction_N + lift * (level + self["viscous"] * trace.velocity_m_s))
 
     @classmethod

@@ -1,0 +1,108 @@
+"""Grids are in units of the record, and what lies beyond the record is refused in words."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from friction_estimator.effects import EFFECTS
+from friction_estimator.effects.base import Effect
+from friction_estimator.effects.features import Context
+
+
+def context_of(speed: float, stroke: float, rate_hz: float, force: float = 4.0, duration_s: float = 100.0) -> Context:
+    """A sine of this top speed and stroke."""
+    period = np.pi * stroke / speed
+    return Context(
+        duration_s=duration_s,
+        step_s=1.0 / rate_hz,
+        distance_m=2.0 * stroke * duration_s / period,
+        stroke_m=stroke,
+        centre_m=0.0,
+        top_speed_m_s=speed,
+        force_rms_N=force,
+        force_top_N=2.0 * force,
+        pressure_mean_Pa=1e6,
+        pressure_span_Pa=1e6,
+        sign_velocity_m_s=speed / 60.0,
+        periods_s=(period,),
+        channels=("position", "pressure"),
+    )
+
+
+WITH_GRID = [n for n, c in EFFECTS.items() if c.grid(context_of(0.1, 0.04, 200.0))]
+SLOW, USUAL, FAST = context_of(1e-3, 1e-5, 2000.0, 1.0), context_of(0.1, 0.04, 200.0), context_of(1.0, 0.3, 5000.0, 5e3)
+
+
+@pytest.mark.parametrize("name", WITH_GRID)
+@pytest.mark.parametrize("context", [SLOW, USUAL, FAST], ids=["1e-3 m/s", "0.1 m/s", "1 m/s at 5 kHz"])
+def test_every_point_of_a_grid_lies_within_the_record(name: str, context: Context) -> None:
+    cls = EFFECTS[name]
+    points = cls.grid(context)
+    assert points
+    for params in points:
+        assert cls.spans(params, np.ones(1), context) is None, params
+        for key in cls.refined:
+            low, high = cls.bracket(key, params[key], context)
+            assert 0.0 < low <= params[key] <= high
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.floats(1e-3, 1.0), st.floats(0.05, 20.0), st.floats(100.0, 5000.0))
+@pytest.mark.parametrize("name", [n for n in WITH_GRID if EFFECTS[n].acts == "reversal"])
+def test_grids_scale_with_the_record(name: str, speed: float, period: float, rate_hz: float) -> None:
+    """The same record in other units of length has the same grid in those units; time likewise."""
+    cls, stroke = EFFECTS[name], speed * period / np.pi
+    one = cls.grid(context_of(speed, stroke, rate_hz))
+    longer = cls.grid(context_of(10.0 * speed, 10.0 * stroke, rate_hz))
+    slower = cls.grid(context_of(speed / 10.0, stroke, rate_hz / 10.0, duration_s=1000.0))
+    assert len(one) == len(longer) == len(slower)
+    for key in one[0]:
+        values = np.array([p[key] for p in one])
+        for other in (longer, slower):
+            ratio = np.array([p[key] for p in other]) / values
+            np.testing.assert_allclose(ratio, ratio[0], rtol=1e-6)
+            assert min(abs(np.log10(ratio[0]) - k) for k in (-1.0, 0.0, 1.0)) < 1e-6
+
+
+@pytest.mark.parametrize("rate_hz", [100.0, 1000.0, 5000.0])
+@pytest.mark.parametrize("name", [n for n in WITH_GRID if EFFECTS[n].delays])
+def test_delays_reach_from_a_fifth_of_a_millisecond_to_fifty(name: str, rate_hz: float) -> None:
+    cls = EFFECTS[name]
+    (key,) = cls.refined
+    values = [p[key] for p in cls.grid(context_of(0.1, 0.04, rate_hz))]
+    assert min(values) <= 2e-4
+    assert max(values) >= 5e-2
+
+
+BEYOND = [
+    ("viscoelastic_relaxation", {"time_constant": 60690.0}, "fifth of the record"),
+    ("position_dependence", {"wavelength": 0.021}, "half the stroke"),
+    ("wear", {"length": 1e4}, "twice the distance"),
+    ("viscosity_drift", {"time_constant": 1e4}, "twice the recording"),
+    ("time_delay", {"delay": 1e-6}, "hundredth of the sample"),
+    ("time_delay", {"delay": 0.5}, "quarter of the shortest"),
+    ("sensor_lowpass", {"time_constant": 0.5}, "quarter of the shortest"),
+    ("frictional_lag", {"lag": 0.5}, "quarter of the shortest"),
+    ("presliding", {"length": 0.02}, "quarter of the stroke"),
+    ("breakaway", {"length": 0.02}, "quarter of the stroke"),
+    ("backlash", {"gap": 0.02}, "quarter of the stroke"),
+    ("squeeze_film", {"speed": 0.2}, "above the largest"),
+    ("periodic_disturbance", {"frequency": 0.01}, "cycles"),
+    ("periodic_disturbance", {"frequency": 150.0}, "half the sample rate"),
+    ("saturation", {"level": 20.0}, "above every force"),
+]
+
+
+@pytest.mark.parametrize(("name", "params", "words"), BEYOND)
+def test_what_lies_beyond_the_record_is_refused_in_words(name: str, params: dict[str, float], words: str) -> None:
+    assert words in str(EFFECTS[name].spans(params, np.ones(1), USUAL))
+
+
+def test_what_has_a_sign_in_physics_has_it_and_a_spring_has_none() -> None:
+    assert EFFECTS["inertia"].signs == (1,)
+    assert EFFECTS["side_spring"].signs == (0,)
+
+
+def test_effects_that_stand_by_default_refuse_nothing_and_find_nothing() -> None:
+    assert Effect.spans({}, np.ones(1), USUAL) is None
