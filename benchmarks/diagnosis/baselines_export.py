@@ -8,7 +8,9 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from cases import hidden, record, record_ar
+from draws import hidden
+from drives import USUAL
+from records import Made, make
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base import fit_base
@@ -18,13 +20,12 @@ from friction_estimator.diagnosis.library import build_library
 from friction_estimator.diagnosis.record import build_record
 from friction_estimator.effects import EFFECTS
 from friction_estimator.effects.base import Effect
-from friction_estimator.rig.simulate import Simulation
 
 REGRESSED = [n for n, c in EFFECTS.items() if c.columns.__func__ is not Effect.columns.__func__]  # type: ignore[attr-defined]
 THIN = 2
 
 
-def export(made: Simulation, truth: str, condition: str, target: Path) -> None:
+def export(made: Made, truth: str, condition: str, target: Path) -> None:
     config = Config()
     data = build_record([made.samples], config)
     base = fit_base(data, config)
@@ -62,12 +63,17 @@ def main() -> None:
     given.folder.mkdir(parents=True, exist_ok=True)
     for size, noise in ((0.04, 0.01), (0.005, 0.03)):
         for name in REGRESSED:
-            made = record([hidden(name, given.first_seed, size)], noise, given.first_seed)
+            made = make(USUAL, "clean", [hidden(name, USUAL, given.first_seed, size)], noise, given.first_seed)
             export(made, name, f"size {size} noise {noise}", given.folder / f"{name}_{size}.npz")
     for k in range(given.empty):
         seed = given.first_seed + k
-        export(record([], 0.01, seed), "", "nothing, white", given.folder / f"white_{k}.npz")
-        export(record_ar(0.01, seed), "", "nothing, AR(1) 0.7", given.folder / f"coloured_{k}.npz")
+        export(make(USUAL, "clean", [], 0.01, seed), "", "nothing, white", given.folder / f"white_{k}.npz")
+        export(
+            make(USUAL, "clean", [], 0.01, seed, coloured=True),
+            "",
+            "nothing, AR(1) 0.7",
+            given.folder / f"coloured_{k}.npz",
+        )
 
 
 if __name__ == "__main__":

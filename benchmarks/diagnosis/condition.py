@@ -8,17 +8,19 @@ import argparse
 from dataclasses import replace
 
 import numpy as np
-from cases import hidden, record
+from draws import hidden
+from drives import USUAL
+from records import make
 
 from friction_estimator.core.online.replay import replay
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.diagnosis.extend import extended_config
 from friction_estimator.effects import extension_from_config
-from friction_estimator.rig.drive import segment
 
 NAMES = ("inertia", "presliding", "backlash", "time_delay", "squeeze_film", "frictional_lag", "position_dependence")
-THREE = ((50.0, 1.0, 12.0), (50.0, 5.0, 20.0), (200.0, 1.0, 12.0)) * 2
+THREE = ((1.0, 50.0, 12.0, "sine"), (5.0, 50.0, 20.0, "sine"), (1.0, 200.0, 12.0, "sine")) * 2
+FOURTH = ((5.0, 200.0, 30.0, "sine"),)
 
 
 def main() -> None:
@@ -26,10 +28,10 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=3100)
     given = parser.parse_args()
     frozen = {"model.adapt": False}
+    drives = [replace(USUAL, name=name, parts=parts) for name, parts in (("three", THREE), ("fourth", FOURTH))]
     for name in NAMES:
-        segments = tuple(segment(period, psi, seconds) for psi, period, seconds in THREE)
-        three = record([hidden(name, given.seed, 0.04)], 0.01, given.seed, segments=segments)
-        fourth = record([*three.effects], 0.01, given.seed + 1, segments=(segment(5.0, 200.0, 30.0),))
+        three = make(drives[0], "clean", [hidden(name, drives[0], given.seed, 0.04)], 0.01, given.seed)
+        fourth = make(drives[1], "clean", three.effects, 0.01, given.seed + 1)
         result = diagnose([three.samples], Config())
         extended = extended_config(result, Config()).updated(frozen)
         bare = extended_config(replace(result, models=result.models[:1], findings=()), Config()).updated(frozen)

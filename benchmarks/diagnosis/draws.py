@@ -1,4 +1,4 @@
-"""What is hidden: effects drawn by seed, off the regressors' grids, by the size of their change or in physical units."""
+"""What is hidden: effects drawn by seed, off the regressors' grids, by size of their change or in physical units."""
 
 from zlib import crc32
 
