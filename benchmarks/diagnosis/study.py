@@ -100,7 +100,7 @@ def _spawned(workers: int) -> bool:
     """Run the shares in processes of their own; return whether one failed."""
     command = [sys.executable, __file__, *sys.argv[1:], "--share"]
     running = [subprocess.Popen([*command, f"{k}/{workers}"]) for k in range(workers)]
-    return any([process.wait() for process in running])
+    return max(process.wait() for process in running) != 0
 
 
 def _file(given: argparse.Namespace, part: str) -> str:
