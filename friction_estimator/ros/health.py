@@ -216,6 +216,7 @@ def _account(estimator: Estimator, curve: Curve | None) -> dict[str, Any]:
         "outliers clipped": health.clipped,
         "abrupt changes": health.alarmed,
         "outside velocity range": health.outside,
+        "at standstill, not learned from": health.stood,
         "velocity range (m/s)": _reach(estimator),
         "velocity range is": "configured" if given else "learned: chosen at first contact, it grows",
         "velocity range grown (times)": health.grown,

@@ -22,7 +22,7 @@ class Law(Protocol):
 
     @staticmethod
     def constants(config: Config) -> Floats:
-        """Return the (5,) constants of the compiled rule, in the places that workspace.py names."""
+        """Return the (6,) constants of the compiled rule, in the places that workspace.py names."""
 
     keeps_covariance: ClassVar[bool]
     """Whether it starts from the prior's covariance and keeps one."""
@@ -36,9 +36,9 @@ MOTION = 0.02
 """Share of the velocity scale above which the shaft moves: errors at rest say nothing of the usual error."""
 
 
-def least_speed(config: Config) -> float:
-    """Return the speed above which running errors are averaged, m/s."""
-    return MOTION * config.velocity_scale
+def speeds(config: Config) -> tuple[float, float]:
+    """Return the speed above which running errors are averaged, and the velocity scale, m/s."""
+    return MOTION * config.velocity_scale, config.velocity_scale
 
 
 LAWS: Registry[type[Law]] = Registry("law")
@@ -57,7 +57,7 @@ class Lms:
     @staticmethod
     def constants(config: Config) -> Floats:
         """Step size, and whether it is guarded (in the place of the floor)."""
-        return np.array([config.lms.step_size, float(config.lms.guard), 0.0, 0.0, least_speed(config)])
+        return np.array([config.lms.step_size, float(config.lms.guard), 0.0, 0.0, *speeds(config)])
 
     @staticmethod
     def metric(prior: Prior) -> Floats:  # noqa: ARG004 - steepest descent has no metric
@@ -80,7 +80,7 @@ class Nlms:
     @staticmethod
     def constants(config: Config) -> Floats:
         """Step size and floor of the normaliser."""
-        return np.array([config.nlms.step_size, config.nlms.regularisation, 0.0, 0.0, least_speed(config)])
+        return np.array([config.nlms.step_size, config.nlms.regularisation, 0.0, 0.0, *speeds(config)])
 
     @staticmethod
     def metric(prior: Prior) -> Floats:
@@ -102,7 +102,7 @@ class Rls:
     def constants(config: Config) -> Floats:
         """Least leverage and residual variance."""
         leverage, residual = 1.0 - config.rls.forgetting_factor, config.prior.residual_deviation**2
-        return np.array([0.0, 0.0, leverage, residual, least_speed(config)])
+        return np.array([0.0, 0.0, leverage, residual, *speeds(config)])
 
     @staticmethod
     def metric(prior: Prior) -> Floats:  # noqa: ARG004 - the covariance is its metric

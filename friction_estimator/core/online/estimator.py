@@ -49,6 +49,7 @@ class Health:
     outside : samples outside the velocity range (nothing was learned from them).
     alarmed : abrupt changes of friction that rls noticed (it then learns afresh, from the present parameters).
     grown : times that the velocity range grew.
+    stood : samples at standstill (nothing was learned from them: a stuck shaft shows no friction of motion).
     error_rms_N : running rms of the a priori error, N.
     """
 
@@ -59,6 +60,7 @@ class Health:
     outside: int
     alarmed: int
     grown: int
+    stood: int
     error_rms_N: float
 
 
@@ -247,6 +249,7 @@ class Estimator:
             outside=int(status[workspace.OUTSIDE]),
             alarmed=int(status[workspace.ALARMED]),
             grown=int(status[workspace.GROWN]),
+            stood=int(status[workspace.STOOD]),
             error_rms_N=float(np.sqrt(self.work.moments[workspace.ERROR_POWER]) * self.model.unit_N),
         )
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.intake import standstill
 from friction_estimator.core.model.prior import Prior
 from friction_estimator.core.model.structure import Extension, Model
 from friction_estimator.core.online import workspace as at
@@ -136,5 +137,6 @@ def cold_start(model: Model, prior: Prior, metric: Floats, covariance: bool, con
         moments=at.cold_moments(),
         status=at.cold_status(may_grow=not model.config.basis.velocity_range),
         errors=np.zeros((model.basis.cell_count, 3)),
+        rest=np.zeros(standstill.STATE_SIZE),
         **arrays,
     )

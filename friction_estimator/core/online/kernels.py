@@ -10,6 +10,7 @@ from numba import njit
 
 from friction_estimator.core.fit.band import EXTRAPOLATION, note_error, usual_variance
 from friction_estimator.core.fit.posterior import COLOUR
+from friction_estimator.core.intake.standstill import REST_SHARE, stands
 from friction_estimator.core.model.prediction import TAPS, WEIGHTS, push, regress
 from friction_estimator.core.model.structure import LARGEST_PARAMETER
 from friction_estimator.core.online import workspace as at
@@ -326,6 +327,7 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     moments,
     status,
     errors,
+    rest,
 ):
     """Predict and learn over n samples, or until the range is to grow.
 
@@ -337,7 +339,7 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
         All finite; forces in normalised units.
     restart, learn : (n,) bool.
     predicted, deviation : (n,), filled with the a priori prediction and its standard deviation.
-    shape .. errors : the arrays of `Workspace`, updated in place.
+    shape .. rest : the arrays of `Workspace`, updated in place.
 
     Returns
     -------
@@ -352,6 +354,8 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
         begins = restart[k] or status[at.SEEN] == 0
         push(shape, ring, ring_theory, status, index[k], value[k], theory[k], begins)
         status[at.SEEN] += 1
+        scale = law[at.VELOCITY_SCALE]
+        standing = stands(rest, velocity[k], begins, scale)
         predicted[k] = regress(shape, theta, ring, ring_theory, status, extension[k], x)
         error = target[k] - predicted[k]
         variance = usual_variance(errors, cell[k], moments[at.ERROR_POWER])
@@ -379,6 +383,16 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
                 return k + 1
             continue
         status[at.BEYOND] = 0
+        slow = law_number != LMS and abs(velocity[k]) <= REST_SHARE * scale
+        if learn[k] and (standing or slow):
+            # Below breakaway friction is whatever holds the shaft: the band may know how much that is, the curve not.
+            # The first samples of a rest, before it is known, are told by their speed alone: a passage has few of them
+            # (lms, the paper's to the letter, learns from those).
+            status[at.STOOD] += standing
+            status[at.FOLLOWS] = 0
+            if r < KNOWN_LEVERAGE:
+                note_error(errors, cell[k], clipped, 0.0, False)
+            continue
         # lms is the paper's to the letter; the others wait until the delay lines hold measured samples only.
         if not learn[k] or (law_number != LMS and status[at.HEAD] < settled):
             status[at.FOLLOWS] = 0

@@ -10,8 +10,8 @@ from friction_estimator.core.sample import Floats, Ints
 
 # Places in Workspace.status; the first is `prediction.HEAD`
 HEAD = prediction.HEAD
-SEEN, LEARNED, GUARDED, CLIPPED, OUTSIDE, ALARMED, GROWN, BEYOND, MAY_GROW, UNPULLED, FOLLOWS = range(1, 12)
-STATUS_SIZE = 12
+SEEN, LEARNED, GUARDED, CLIPPED, OUTSIDE, ALARMED, GROWN, BEYOND, MAY_GROW, UNPULLED, FOLLOWS, STOOD = range(1, 13)
+STATUS_SIZE = 13
 
 # Places in Workspace.moments
 ERROR_POWER, QUIET_POWER, NEWS_POWER, MISFIT_POWER, TOLERANCE, ALARM, BACKOFF = range(7)
@@ -19,7 +19,7 @@ ABSORBED, PULL, LAST_ERROR, NEAREST, FARTHEST, OWED = range(7, 13)
 MOMENTS_SIZE = 13
 
 # Places in Workspace.law
-STEP, FLOOR, LEAST_LEVERAGE, RESIDUAL_VARIANCE, LEAST_SPEED = range(5)
+STEP, FLOOR, LEAST_LEVERAGE, RESIDUAL_VARIANCE, LEAST_SPEED, VELOCITY_SCALE = range(6)
 
 START_POWER = 1.0
 """Running powers before the first sample: an error of one force unit is nothing unusual yet."""
@@ -44,14 +44,15 @@ class Workspace:
     mean : (n,), information, prior_root : (n, n), of the prior over the residual variance (rls), else empty.
     owed : (n,), where the parameters stood over the prior's mean at the last alarm (rls), else (0,): a share
         `moments[OWED]` of it is still to be paid back.
-    law : (5,), constants of the law.
+    law : (6,), constants of the law.
     moments : (13,): running error power, its quiet level, the part of it that the covariance did not expect, the factor
         on the alarm's ratio, whether it is raised, lms' back-off, samples that the covariance holds, the pull towards
         the prior that is due, the error before, the slowest and the fastest of the velocities in a row beyond an edge,
         the share still owed, and the mean power of errors at velocities that are known.
-    status : (12,) int64, counters; `BEYOND` counts the samples in a row beyond one edge (negative: the lower one),
+    status : (13,) int64, counters; `BEYOND` counts the samples in a row beyond one edge (negative: the lower one),
         `MAY_GROW` is 1 where the range may grow, `FOLLOWS` is 1 where the last error is that of the sample before.
     errors : (cells, 3), running errors by cell of velocity (see `fit.band`).
+    rest : (11,), what tells standstill (see `intake.standstill`).
     """
 
     shape: Ints
@@ -68,6 +69,7 @@ class Workspace:
     moments: Floats
     status: Ints
     errors: Floats
+    rest: Floats
 
     def copy(self) -> "Workspace":
         """Return an independent copy."""

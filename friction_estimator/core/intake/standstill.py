@@ -1,0 +1,139 @@
+"""Standstill known, causally: the force on a shaft that is stuck is no sample of the curve F(v).
+
+Below breakaway the friction of a standing shaft is whatever holds it. Such samples are predicted but not learned from,
+and a diagnosis fits no F(v) to them; it keeps them for breakaway and presliding. A shaft stands where its speed stays
+below what its velocity channel resolves, for longer than a smooth passage through zero would, and without drifting.
+"""
+
+import numpy as np
+from numba import njit
+
+from friction_estimator.core.sample import Bools, Floats, Samples
+
+REST_SHARE = 5e-4
+"""Share of the velocity scale below which the speed is none: a sixteenth of the finest cell of the curve."""
+
+LATTICE_STEPS, LATTICE_TIES = 1.6, 16
+"""A quantised channel shows the two levels on either side of zero at rest; a lattice is one whose least change has come
+that often."""
+
+LEAST_CHANGE = 1e-6
+"""Share of the velocity scale below which a change is rounding, and no step of a lattice."""
+
+NOISE_FACTOR = 4.0
+"""Standard deviations of the velocity's noise within which it stays at rest."""
+
+LARGEST_SHARE = 0.05
+"""Share of the velocity scale above which no noise is taken for rest."""
+
+FEWEST = 10
+"""Samples that a rest lasts at least."""
+
+APPROACH, LONGEST_APPROACH = 4.0, 1000.0
+"""A rest lasts longer than the approach to it, from this many times its level: at constant deceleration that takes
+half as long again as the passage through zero. Beyond that many samples the approach counts no longer."""
+
+MEAN_OVER, MEAN_WITHIN = 256.0, 3.0
+"""Samples over which the mean speed at rest is taken, and its standard errors within which it is none (creep is
+motion)."""
+
+MOST_OUTSIDE = 2.0
+"""Samples in a row by which noise may leave the level without ending the rest."""
+
+ROUGHNESS_RATE = 0.02
+"""Relative step of the running median of |v[k] - 2 v[k-1] + v[k-2]|, from which the noise is known."""
+
+_NOISE_OF_ROUGHNESS = 1.0 / (0.6745 * 6.0**0.5)
+
+PREVIOUS, BEFORE, AGE, ROUGHNESS, LATTICE, TIES, NEAR, RUN, NEEDED, MEAN, OUTSIDE = range(11)
+"""Places in the state: the last two velocities and how many there are since a restart, the running median, least change
+and how often it came, samples since the speed was above the approach, samples at rest level, how many are needed, mean
+velocity over them, and samples in a row outside."""
+
+STATE_SIZE = 11
+
+
+@njit(cache=True)
+def stands(state, velocity, begins, scale):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return whether the shaft stands at this sample, given those before.
+
+    Parameters
+    ----------
+    state : (STATE_SIZE,), zeros before the first sample. begins : whether a gap lies before. scale : velocity scale.
+    """
+    if begins:
+        state[AGE] = state[RUN] = state[NEAR] = state[OUTSIDE] = 0.0
+    if state[AGE] >= 1.0:
+        change = abs(velocity - state[PREVIOUS])
+        if change > LEAST_CHANGE * scale:
+            if state[TIES] == 0.0 or change < 0.75 * state[LATTICE]:
+                state[LATTICE], state[TIES] = change, 1.0
+            elif change < 1.25 * state[LATTICE]:
+                state[TIES] += 1.0
+    if state[AGE] >= 2.0:
+        second = abs(velocity - 2.0 * state[PREVIOUS] + state[BEFORE])
+        if state[ROUGHNESS] == 0.0:
+            state[ROUGHNESS] = second
+        state[ROUGHNESS] *= 1.0 + ROUGHNESS_RATE if second > state[ROUGHNESS] else 1.0 - ROUGHNESS_RATE
+        state[ROUGHNESS] = max(state[ROUGHNESS], LEAST_CHANGE * scale)
+    state[BEFORE], state[PREVIOUS] = state[PREVIOUS], velocity
+    state[AGE] += 1.0
+
+    noise = _NOISE_OF_ROUGHNESS * state[ROUGHNESS]
+    resolved = REST_SHARE * scale
+    if state[TIES] >= LATTICE_TIES:
+        resolved = max(resolved, LATTICE_STEPS * state[LATTICE])
+    resolved = min(resolved, LARGEST_SHARE * scale)
+    level = min(max(resolved, NOISE_FACTOR * noise), LARGEST_SHARE * scale)
+    speed = abs(velocity)
+    if speed > APPROACH * level:
+        state[NEAR] = state[RUN] = state[OUTSIDE] = 0.0
+        return False
+    state[NEAR] += 1.0
+    if speed > level:
+        state[OUTSIDE] += 1.0
+        if state[OUTSIDE] > MOST_OUTSIDE or state[RUN] <= state[NEEDED]:
+            state[RUN] = 0.0
+        return False
+    state[OUTSIDE] = 0.0
+    if state[RUN] == 0.0:
+        state[NEEDED] = min(max(FEWEST, state[NEAR]), LONGEST_APPROACH)
+        state[MEAN] = 0.0
+    state[RUN] += 1.0
+    count = min(state[RUN], MEAN_OVER)
+    state[MEAN] += (velocity - state[MEAN]) / count
+    drift = resolved + MEAN_WITHIN * noise / np.sqrt(count)
+    return state[RUN] > state[NEEDED] and abs(state[MEAN]) <= drift
+
+
+@njit(cache=True)
+def _marked(velocity, restart, scale, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Fill `out` with whether the shaft stands; a rest that is known late is marked from its first sample."""
+    for k in range(velocity.size):
+        out[k] = stands(state, velocity[k], restart[k] or k == 0, scale)
+        if out[k]:
+            place = k - 1
+            while place >= 0 and k - place < state[RUN] and not out[place] and not restart[place + 1]:
+                out[place] = True
+                place -= 1
+
+
+def standstill(samples: Samples, velocity_scale_m_s: float) -> Bools:
+    """Return where the shaft stands, (n,), of a whole recording.
+
+    The rule is that of the live estimator; a rest is marked from its beginning though, and noise and lattice of the
+    velocity channel are those of the whole recording (a first pass learns them).
+
+    >>> time = np.arange(3000) / 500
+    >>> velocity = np.where(time < 3.0, np.sin(2.0 * time), 0.0)
+    >>> one = Samples(np.arange(3000), velocity, velocity, np.arange(3000) == 0)
+    >>> found = standstill(one, 1.0)
+    >>> int(found[:1500].sum()), int(found[1500:].sum())
+    (0, 1500)
+    """
+    state: Floats = np.zeros(STATE_SIZE)
+    out = np.zeros(len(samples), np.bool_)
+    for _ in range(2):
+        out[:] = False
+        _marked(samples.velocity_m_s, samples.restart, velocity_scale_m_s, state, out)
+    return out
