@@ -9,13 +9,17 @@ from hypothesis import strategies as st
 
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
-from friction_estimator.diagnosis import quality, streams
+from friction_estimator.diagnosis import streams
 from friction_estimator.diagnosis.base import OddCurve, fit_base
 from friction_estimator.diagnosis.evidence import Evidence, Rule, folds_of, null_maximum
 from friction_estimator.diagnosis.excitation import pressure_order, speed_levels
 from friction_estimator.diagnosis.floor import noise_floor
 from friction_estimator.diagnosis.products import inner
-from friction_estimator.diagnosis.record import build_record, joined, periods, reversals
+from friction_estimator.diagnosis.record import Record, build_record, joined, periods, reversals
+from friction_estimator.diagnosis.repair import view_of
+from friction_estimator.effects import EFFECTS
+from friction_estimator.effects.detection import Fault
+from friction_estimator.effects.scatter import lattice_step
 from friction_estimator.rig.drive import segment
 from friction_estimator.rig.simulate import Scenario, simulate
 
@@ -133,8 +137,13 @@ def test_periods_and_reversals_are_counted(clean: Samples) -> None:
 
 def test_lattice_is_measured() -> None:
     values = np.random.default_rng(1).normal(size=5000)
-    assert quality.lattice_step(np.round(values / 0.07) * 0.07) == pytest.approx(0.07, rel=1e-6)
-    assert quality.lattice_step(values) == 0.0
+    assert lattice_step(np.round(values / 0.07) * 0.07) == pytest.approx(0.07, rel=1e-6)
+    assert lattice_step(values) == 0.0
+
+
+def outliers(record: Record, residual: np.ndarray) -> Fault | None:
+    view = view_of(record, record.context(Config(), 1.0), [])
+    return EFFECTS["outliers"].detect(replace(view, residual_N=residual))
 
 
 @pytest.mark.parametrize("pole", [0.0, 0.7])
@@ -143,9 +152,9 @@ def test_noise_of_any_colour_has_no_outliers(clean: Samples, pole: float) -> Non
 
     record = build_record([clean], Config())
     residual = lfilter([1.0], [1.0, -pole], np.random.default_rng(3).standard_normal(len(clean)))
-    assert quality.outliers(record, residual) is None
+    assert outliers(record, residual) is None
     residual[[517, 1493, 2581, 3444, 4719, 5301]] += 12.0
-    found = quality.outliers(record, residual)
+    found = outliers(record, residual)
     assert found is not None
     assert found.used is not None
     assert set(np.flatnonzero(~found.used)) == {517, 1493, 2581, 3444, 4719, 5301}
@@ -155,23 +164,27 @@ def test_stamps_tell_their_faults() -> None:
     t = np.arange(1000) * 5_000_000
     assert streams.offset_ns(t, t) == 0
     assert streams.offset_ns(t, t - 900_000) == -900_000
-    assert streams.duplicates({"duplicate_stamp": 40}, 4000) is not None
-    assert streams.duplicates({"duplicate_stamp": 1}, 4000) is None
+    (found,) = streams.counted({"duplicate_stamp": 40, "read": 4000})
+    assert found.name == "duplicate_stamps"
+    assert found.p_value is None
+    assert streams.counted({"duplicate_stamp": 1, "read": 4000, "stamp_offset_s": 0.0, "period_s": 0.005}) == []
+    (found,) = streams.counted({"stamp_offset_s": 1e-3, "period_s": 0.005})
+    assert found.name == "stamp_offset"
 
 
 def test_one_jump_of_the_clock_is_named_and_joints_of_pieces_are_not(clean: Samples) -> None:
-    def jumped(places: list[int]) -> object:
+    def jumped(places: list[int]) -> Fault | None:
         shift = np.zeros(len(clean), np.int64)
         for place in places:
             shift[place:] += 300_000_000
         moved = replace(clean, stamp_ns=clean.stamp_ns + shift)
         record = build_record([moved], Config())
-        return quality.clock_jump(record, record.context(Config(), 1.0))
+        return EFFECTS["clock_jump"].detect(view_of(record, record.context(Config(), 1.0), []))
 
     fast = np.flatnonzero(np.abs(clean.velocity_m_s) > 0.6 * np.abs(clean.velocity_m_s).max())
     found = jumped([int(fast[fast.size // 2])])
     assert found is not None
-    assert found.values["jump"][0] == pytest.approx(0.3, abs=0.006)
+    assert found.parameters["jump"][0] == pytest.approx(0.3, abs=0.006)
     assert jumped([int(k) for k in fast[:: fast.size // 30]]) is None
     assert jumped([]) is None
 

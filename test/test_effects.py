@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.sample import Samples
 from friction_estimator.effects import EFFECTS, STAGES, Trace, compose, list_effects, parse_effect
-from friction_estimator.effects.base import Effect, RunningForce
+from friction_estimator.effects.base import Effect
+from friction_estimator.effects.columns import RunningForce
 from friction_estimator.effects.compose import FINE, relative_change
 from friction_estimator.effects.features import Context, FeatureMaker, Features
 from friction_estimator.effects.reference import Reference
@@ -50,6 +51,9 @@ CONTRACT = {
     "clock_jump",
     "duplicate_stamps",
     "stamp_offset",
+    "wrapped_position",
+    "velocity_delay",
+    "pressure_noise",
 }
 
 
@@ -215,7 +219,7 @@ def test_larger_size_is_a_larger_change(name: str, clean: Trace) -> None:
 
 
 def test_effects_without_size_say_so() -> None:
-    for name in ("clock_jump", "duplicate_stamps"):
+    for name in ("clock_jump", "duplicate_stamps", "wrapped_position"):
         assert EFFECTS[name].size_key == ""
 
 
@@ -247,7 +251,7 @@ def test_regressor_has_the_shape_of_its_effect(
     before = clean if fine else clean.sampled(EVERY)
     after = ready.apply(before, np.random.default_rng(0))
     after = after.lubricated() if effect.stage == "lubrication" else after
-    change = (after.friction_N - before.friction_N)[:: EVERY if fine else 1]
+    change = effect.change(before, after)[:: EVERY if fine else 1]
     best = 0.0
     grid = [p | {k: ready[k] for k in p if k in ready.values} for p in points(cls, context)]
     for params in grid:
@@ -316,7 +320,7 @@ def test_features_integrate_position_where_none_is_recorded(samples: Samples) ->
 def test_a_ripple_has_a_phase_of_its_own_in_each_recording(features: Features, reference: Reference) -> None:
     from types import SimpleNamespace
 
-    from friction_estimator.effects.base import amplitudes, own_phases
+    from friction_estimator.effects.columns import amplitudes, own_phases
 
     columns = np.arange(2.0 * features.size).reshape(-1, 2)
     number = (np.arange(features.size) >= 100).astype(np.int64)

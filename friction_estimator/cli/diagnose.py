@@ -9,11 +9,11 @@ import numpy as np
 
 from friction_estimator.cli import common
 from friction_estimator.core.errors import UnanswerableError
-from friction_estimator.core.sample import Samples
+from friction_estimator.core.sample import NS_PER_S, Samples
 from friction_estimator.core.settings.config import Config
 
 if TYPE_CHECKING:
-    from friction_estimator.diagnosis.quality import Finding
+    from friction_estimator.effects.detection import Fault
 
 
 def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     return 1 if result.verdict == "undecidable" else 0
 
 
-def _load(bag: str, args: argparse.Namespace, config: Config, output: common.Output) -> tuple[Samples, list["Finding"]]:
+def _load(bag: str, args: argparse.Namespace, config: Config, output: common.Output) -> tuple[Samples, list["Fault"]]:
     """Return one recording's usable samples and the faults of its stamps; a steady offset is taken out."""
     from friction_estimator.bag.read import read_recording  # noqa: PLC0415
     from friction_estimator.bag.samples import to_samples  # noqa: PLC0415
@@ -86,17 +86,15 @@ def _load(bag: str, args: argparse.Namespace, config: Config, output: common.Out
         moved = replace(friction, stamp_ns=friction.stamp_ns - offset)
         recording = replace(recording, streams={**recording.streams, "friction": moved})
     admitted = to_samples(recording, config)
-    found = [
-        streams.stamp_offset(offset, 1.0 / admitted.samples.sample_rate_hz),
-        streams.duplicates(admitted.rejected, admitted.read),
-    ]
+    rate_hz = admitted.samples.sample_rate_hz
+    facts = {**admitted.rejected, "read": admitted.read, "stamp_offset_s": offset / NS_PER_S, "period_s": 1.0 / rate_hz}
     refused = ", ".join(f"{count} {reason}" for reason, count in admitted.rejected.items())
     output.say(
         f"{bag}: {len(admitted.samples)} samples of {admitted.read}" + (f"; refused: {refused}" if refused else "")
     )
     if not len(admitted.samples) or not np.isfinite(admitted.samples.velocity_m_s).any():
         raise UnanswerableError(f"{bag}: no usable sample; see `friction_estimator info {bag}`")
-    return admitted.samples, [fault for fault in found if fault is not None]
+    return admitted.samples, streams.counted(facts)
 
 
 def _write(folder: Path, result: Any, config: Config, bags: list[str]) -> tuple[dict[str, str], str | None]:

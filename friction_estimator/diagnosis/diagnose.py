@@ -10,20 +10,18 @@ from friction_estimator.core.sample import Bools, Floats, Ints, Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base import BaseFit
 from friction_estimator.diagnosis.excitation import Excitation, assess
-from friction_estimator.diagnosis.floor import Burst, find_burst, noise_floor
+from friction_estimator.diagnosis.floor import noise_floor
 from friction_estimator.diagnosis.joint import Estimate, Joint, estimates, fit_joint
-from friction_estimator.diagnosis.quality import Finding
 from friction_estimator.diagnosis.record import Record, build_record
 from friction_estimator.diagnosis.remainder import Remainder, unexplained
-from friction_estimator.diagnosis.repair import confirmed, repaired
+from friction_estimator.diagnosis.repair import confirmed, repaired, scattered
 from friction_estimator.diagnosis.search import Search, search
 from friction_estimator.diagnosis.words import next_experiment, structural_rivals
 from friction_estimator.effects.base import EFFECTS
+from friction_estimator.effects.detection import Fault
 from friction_estimator.effects.features import Context
 
 HELD_OUT_FOLDS = 4
-BURST_T = 3.0
-BURST_RATIO = 18.0
 LEAST_SHARE = 0.002
 
 
@@ -50,7 +48,7 @@ class Found:
     """
 
     name: str
-    p_value: float
+    p_value: float | None
     parameters: dict[str, Estimate]
     gain: Gain
     rivals: tuple[str, ...]
@@ -85,7 +83,7 @@ class Diagnosis:
     raw: Record
     context: Context
     models: tuple[Joint, ...]
-    findings: tuple[Finding, ...]
+    findings: tuple[Fault, ...]
 
 
 Progress = Callable[[str, float], None]
@@ -100,7 +98,7 @@ def diagnose(
     config: Config,
     seed: int = 0,
     progress: Progress = _silent,
-    faults: Sequence[Finding] = (),
+    faults: Sequence[Fault] = (),
 ) -> Diagnosis:
     """Diagnose recordings.
 
@@ -122,26 +120,21 @@ def diagnose(
         return _undecidable(raw, config, context, excitation)
     record, context, findings = repaired(raw, config, context)
     findings = [*faults, *findings]
-    lattice = next((f for f in findings if f.name == "quantization"), None)
-    coarse = lattice.power_N2 if lattice is not None and lattice.extra.get("coarse") else 0.0
+    coarse = max((f.conceals_N2 for f in findings), default=0.0)
     found = search(record, config, context, seed, progress, coarse, {f.name for f in findings})
-    findings = confirmed(findings, raw, found.models[-1], bool(coarse))
+    findings = confirmed(findings, record, context, found.models[-1])
     progress("measuring gains on held-out data", 0.75)
     effects, models = _named(record, config, context, found, seed)
     progress("noise floor and remainder", 0.85)
     final = models[-1]
     floor = noise_floor(record, final.residual_N)
-    burst = find_burst(record, final.residual_N)
+    findings += scattered(record, context, final, findings)
     spread = float(np.std(record.friction_N[record.used]))
     base_error = _held_out_rms(record, config, context, models[0], found)
     last_error = effects[-1].gain.nrmse_after * spread if effects else base_error
     quality_effects = [_from_finding(f, base_error, spread) for f in findings]
-    if burst is not None and (coarse or not _is_burst(burst, floor, findings)):
-        burst = None
-    if burst is not None:
-        quality_effects.append(_from_burst(burst, base_error, spread))
-    remainder = None if coarse else unexplained(record, final, found, findings, burst, seed)
-    ordered = _ordered(effects, quality_effects, findings, burst, record)
+    remainder = None if coarse else unexplained(record, final, found, findings, seed)
+    ordered = _ordered(effects, quality_effects, findings, record)
     asked = _asked(found, effects, remainder, context)
     verdict = "effects_found" if ordered else "nothing_found"
     warnings = (*excitation.warnings, *found.warnings, *_base_warnings(models[0].base), *_remainder_words(remainder))
@@ -267,49 +260,21 @@ def _block_sums(values: Floats, block: Ints, used: Bools) -> Floats:
     return np.asarray(np.bincount(block, weights=values * used), np.float64)
 
 
-def _is_burst(burst: Burst, floor: float, findings: Sequence[Finding]) -> bool:
-    noisy = any(f.name == "velocity_noise" for f in findings) or "stick_slip" not in EFFECTS
-    return (
-        not noisy
-        and burst.t_value > BURST_T
-        and burst.likelihood_ratio > BURST_RATIO
-        and burst.power_N2 > LEAST_SHARE * floor * floor
-    )
-
-
-def _from_finding(finding: Finding, error_N: float, spread: float) -> Found:
+def _from_finding(finding: Fault, error_N: float, spread: float) -> Found:
     """Return a fault of the data as an effect; nothing is predicted better, so its gain is what it no longer costs."""
     after = error_N / spread
     before = float(np.sqrt(error_N**2 + finding.power_N2)) / spread if finding.power_N2 else after
-    if finding.name in ("quantization", "velocity_noise"):  # still in the data
+    if EFFECTS[finding.name].scatters and finding.used is None:  # still in the data
         before = after
     reduction = 100.0 * (1.0 - after / max(before, 1e-300))
     return Found(
         name=finding.name,
         p_value=finding.p_value,
-        parameters={k: Estimate(v, unit, low, high) for k, (v, unit, low, high) in finding.values.items()},
+        parameters={k: Estimate(v, unit, low, high) for k, (v, unit, low, high) in finding.parameters.items()},
         gain=Gain(before, after, reduction, reduction, reduction),
         rivals=(),
         experiment=None,
-        evidence=finding.words,
-        term=None,
-    )
-
-
-def _from_burst(burst: Burst, error_N: float, spread: float) -> Found:
-    nrmse = error_N / spread
-    a, d = burst.amplitude_N, burst.decay_s
-    return Found(
-        name="stick_slip",
-        p_value=1e-6,
-        parameters={
-            "amplitude": Estimate(a, "N", a - burst.amplitude_reach_N, a + burst.amplitude_reach_N),
-            "decay": Estimate(d, "s", d - burst.decay_reach_s, d + burst.decay_reach_s),
-        },
-        gain=Gain(nrmse, nrmse, 0.0, 0.0, 0.0),
-        rivals=(),
-        experiment=None,
-        evidence="the residual varies from cycle to cycle, most just after reversals",
+        evidence=finding.evidence,
         term=None,
     )
 
@@ -317,15 +282,12 @@ def _from_burst(burst: Burst, error_N: float, spread: float) -> Found:
 def _ordered(
     effects: Sequence[Found],
     faults: Sequence[Found],
-    findings: Sequence[Finding],
-    burst: Burst | None,
+    findings: Sequence[Fault],
     record: Record,
 ) -> list[Found]:
     """Return all effects, strongest first: by the power of the error that each makes."""
     spread = float(np.std(record.friction_N[record.used]))
     power = {f.name: f.power_N2 for f in findings}
-    if burst is not None:
-        power["stick_slip"] = burst.power_N2
 
     def strength(found: Found) -> float:
         if found.term is None:
@@ -341,9 +303,11 @@ def _asked(
 ) -> tuple[tuple[str, str], ...]:
     """Return the channels that would let a suspected effect be named."""
     out = [(name, EFFECTS[name].channel) for name in found.asked]
-    suspicious = {"gain_step", "wear", "viscosity_drift", "saturation"}
-    if "pressure" not in context.channels and (remainder is not None or suspicious & {e.name for e in effects}):
-        out.append(("pressure_dependence", "pressure"))
+    named = {e.name for e in effects}
+    for name, cls in EFFECTS.items():
+        suspected = remainder is not None or bool(named & set(cls.words.confused_with))
+        if cls.recorded and cls.channel not in context.channels and suspected:
+            out.append((name, cls.channel))
     return tuple(dict.fromkeys(out))
 
 
@@ -365,7 +329,7 @@ def _detection_limits(found: Search) -> dict[str, float]:
         moments = item.hypothesis.moments
         inner, _ = evidence.projected(moments)
         shown = float(np.trace(inner)) / max(float(np.trace(moments.xx.sum(0))), 1e-300)
-        need = max(found.thresholds[item.name in ("position_dependence", "periodic_disturbance")], 1e-300)
+        need = max(found.thresholds[item.hypothesis.effect.many], 1e-300)
         need = max(need, LEAST_SHARE * float(evidence.ee.sum()))
         out[item.name] = float(np.sqrt(need / evidence.samples / max(shown, 1e-9)))
     return out

@@ -39,9 +39,10 @@ def extended_config(result: Diagnosis, config: Config) -> Config:
     units = units.updated(structure)
     specs, weights = terms_of(model)
     for finding in result.findings:
-        if finding.name == "saturation":
-            level = finding.values["level"][0]
-            specs.append(TermSpec(EFFECTS["saturation"], {"level": level}))
+        effect = EFFECTS[finding.name]
+        params = effect.repairing_term(finding)
+        if params is not None:
+            specs.append(TermSpec(effect, params))
             weights.append(1.0)
     shape = np.concatenate([[1.0], base.taps])
     norm = float(np.linalg.norm(shape))

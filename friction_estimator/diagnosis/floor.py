@@ -1,7 +1,6 @@
 """The noise floor, measured: what does not repeat from cycle to cycle, and how it is distributed."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -87,106 +86,6 @@ def noise_floor(record: Record, residual_N: Floats) -> float:
     if difference.size < 50:
         return float(np.sqrt(np.mean(np.square(residual_N[record.used]))))
     return float(np.sqrt(np.mean(np.square(difference))))
-
-
-@dataclass(frozen=True)
-class Burst:
-    """Variance after reversals that does not repeat.
-
-    Attributes
-    ----------
-    decay_s : time over which it decays. power_N2 : of the bursts, over the record. amplitude_N : at the reversal.
-    t_value : of the variance's dependence, over blocks.
-    likelihood_ratio : 2 log of it against even variance, halved since neighbouring pairs share samples.
-    """
-
-    decay_s: float
-    power_N2: float
-    amplitude_N: float
-    amplitude_reach_N: float
-    decay_reach_s: float
-    t_value: float
-    likelihood_ratio: float
-
-
-DECAYS_S = (0.01, 0.02, 0.04, 0.06, 0.09, 0.13, 0.2, 0.3, 0.45)
-
-
-def find_burst(record: Record, residual_N: Floats) -> Burst | None:
-    """Regress the incoherent variance on exp(-2 t_rev / decay), block by block."""
-    difference, where = incoherent(record, residual_N)
-    if difference.size < 500:
-        return None
-    power = np.square(difference)
-    since = record.features.since_reversal_s[where]
-    known = np.isfinite(since)
-    power, since, block = power[known], since[known], record.block[where][known]
-    cap = 30.0 * float(np.median(power)) / 0.4549
-    best: float | None = None
-    best_gain = 0.0
-    for decay in DECAYS_S:
-        shape = np.exp(-2.0 * since / decay)
-        spread = float(np.square(shape - shape.mean()).sum())
-        clipped = np.minimum(power, cap)
-        slopes = []
-        for number in np.unique(block):
-            inside = block == number
-            mine = shape[inside] - shape[inside].mean()
-            energy = float(mine @ mine)
-            if energy > 1e-3 * spread / record.blocks:
-                slopes.append((float(mine @ clipped[inside]) / energy, energy))
-        if len(slopes) < 6:
-            continue
-        values, energies = np.array(slopes).T
-        weight = energies / energies.sum()
-        mean = float(weight @ values)
-        error = float(np.sqrt(np.square(weight) @ np.square(values - mean)) * np.sqrt(len(values) / (len(values) - 1)))
-        t_value = mean / max(error, 1e-300)
-        gain = mean * mean * spread
-        if mean > 0.0 and gain > best_gain:
-            best_gain = gain
-            best = t_value
-    return None if best is None else _burst_of(since, power, best)
-
-
-def _burst_of(since: Floats, power: Floats, t_value: float) -> Burst:
-    """Fit var(t_rev) = s^2 + A^2 / 2 exp(-2 t_rev / decay) to the mean power in bins, by the Gaussian likelihood.
-
-    -2 log L = sum_bins n_bin (log m + p / m) for mean power p and model m; intervals where it rises by 4, twice what
-    independent samples would need.
-    """
-    edges = np.unique(np.quantile(since, np.linspace(0.0, 1.0, 161)))
-    cell = np.clip(np.searchsorted(edges, since, side="right") - 1, 0, edges.size - 2)
-    count = np.bincount(cell, minlength=edges.size - 1).astype(np.float64)
-    keep = count > 0
-    mean = np.bincount(cell, weights=power, minlength=edges.size - 1)[keep] / count[keep]
-    when = np.bincount(cell, weights=since, minlength=edges.size - 1)[keep] / count[keep]
-    count = count[keep]
-    usual = float(np.quantile(mean, 0.4))
-    decays = np.geomspace(0.005, 1.0, 60)
-    heights = usual * np.geomspace(0.02, 5e3, 120)
-    losses = np.full((decays.size, heights.size), np.inf)
-    for floor in usual * np.linspace(0.85, 1.1, 6):
-        for i, decay in enumerate(decays):
-            model = floor + heights[:, None] * np.exp(-2.0 * when / decay)
-            losses[i] = np.minimum(losses[i], (np.log(model) + mean / model) @ count)
-    flat = float(mean @ count / count.sum())
-    ratio = float(count.sum() * (np.log(flat) + 1.0) - losses.min())
-    best = np.unravel_index(int(np.argmin(losses)), losses.shape)
-    inside = losses <= losses.min() + 8.0
-    decay, height = float(decays[best[0]]), float(heights[best[1]])
-    likely = decays[inside.any(axis=1)]
-    high = np.sqrt(2.0 * heights[inside.any(axis=0)])
-    amplitude = float(np.sqrt(2.0 * height))
-    return Burst(
-        decay_s=decay,
-        power_N2=height * float(np.mean(np.exp(-2.0 * since / decay))),
-        amplitude_N=amplitude,
-        amplitude_reach_N=float(max(high.max() - amplitude, amplitude - high.min(), 0.1 * amplitude)),
-        decay_reach_s=float(max(likely.max() - decay, decay - likely.min(), 0.1 * decay)),
-        t_value=t_value,
-        likelihood_ratio=0.5 * ratio,
-    )
 
 
 VARIABLES = (

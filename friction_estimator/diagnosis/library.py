@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.evidence import Evidence, Moments, Rule
-from friction_estimator.effects.base import EFFECTS, Effect, RunningForce
+from friction_estimator.effects.base import EFFECTS, Effect
+from friction_estimator.effects.columns import RunningForce
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.reference import Reference
 

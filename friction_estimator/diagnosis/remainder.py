@@ -7,11 +7,13 @@ import numpy as np
 
 from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.evidence import Rule, null_maximum
-from friction_estimator.diagnosis.floor import Burst, remainder_columns, variance_dependence
+from friction_estimator.diagnosis.floor import remainder_columns, variance_dependence
 from friction_estimator.diagnosis.joint import Joint
-from friction_estimator.diagnosis.quality import SPIKE, Finding, local_scale
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.search import FLIPS, LEVEL, Search
+from friction_estimator.effects.base import EFFECTS
+from friction_estimator.effects.detection import Fault
+from friction_estimator.effects.scatter import local_scale
 from friction_estimator.effects.spectrum import spectral_lines
 
 PARTIAL = 0.10
@@ -21,6 +23,10 @@ NOTICEABLE = 0.20
 """Or the share of what is left, noise included, that one variable must explain."""
 
 LEAST_SHARE = 0.003
+
+FAR = 4.8
+"""Local standard deviations that count as far outside; white Gaussian noise has one in 600,000."""
+
 SPECTRUM = "frequency"
 
 SLOW = ("time_s", "distance_m")
@@ -61,8 +67,7 @@ def unexplained(
     record: Record,
     joint: Joint,
     found: Search,
-    findings: Sequence[Finding],
-    burst: Burst | None,
+    findings: Sequence[Fault],
     seed: int,
 ) -> Remainder | None:
     """Return the strongest dependence that is left, or None.
@@ -85,7 +90,6 @@ def unexplained(
             gains[name] = evidence.fit(moments[name], rules[name]).gain - chance
     explained = sum(c.gain for c in found.causes)
     explained += evidence.samples * sum(f.power_N2 for f in findings)
-    explained += evidence.samples * (burst.power_N2 if burst is not None else 0.0)
     total = float(evidence.ee.sum())
     best = max(gains, key=lambda n: gains[n])
     quantile = float(np.quantile(null, 1.0 - LEVEL))
@@ -101,17 +105,14 @@ def unexplained(
         share = line[1] / (explained + line[1])
         words = f"{100 * share:.0f} % of the excess is unexplained: a line at {line[0]:.4g} Hz"
         return Remainder(SPECTRUM, share, "mean", words, line[0])
-    explained_variance = {f.name for f in findings} & {"velocity_noise", "outliers", "quantization"}
-    if burst is not None:
-        explained_variance.add("stick_slip")
-    if not explained_variance and not found.causes:
+    if not any(EFFECTS[f.name].scatters for f in findings) and not found.causes:
         dependent = variance_dependence(record, joint.residual_N, evidence)
         if dependent is not None:
             return Remainder(
                 dependent[0], dependent[1], "variance", _sentence(dependent[0], dependent[1], "the scatter")
             )
-        size = np.abs(joint.residual_N) / local_scale(record, joint.residual_N)
-        spikes = int((size[record.used] > SPIKE).sum())
+        size = np.abs(joint.residual_N) / local_scale(record.features, record.used, joint.residual_N)
+        spikes = int((size[record.used] > FAR).sum())
         if spikes >= 6:
             words = f"{spikes} samples are far outside the scatter of the rest, at no particular place"
             return Remainder("time_s", 0.0, "variance", words)

@@ -1,99 +1,147 @@
-"""Repair or mask what is wrong with the data before a cause is looked for."""
+"""Find faults of the data before a cause is looked for, and repair or mask them: each effect brings its own test."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from friction_estimator.core.errors import UnanswerableError
 from friction_estimator.core.sample import Floats
 from friction_estimator.core.settings.config import Config
-from friction_estimator.diagnosis import quality
 from friction_estimator.diagnosis.base import BaseFit, fit_base, reference_of
+from friction_estimator.diagnosis.floor import pairs
 from friction_estimator.diagnosis.joint import Joint
-from friction_estimator.diagnosis.quality import Finding
 from friction_estimator.diagnosis.record import Record
-from friction_estimator.effects.base import EFFECTS
+from friction_estimator.effects.base import EFFECTS, Effect
+from friction_estimator.effects.detection import DataView, Fault
 from friction_estimator.effects.features import Context, FeatureMaker
+from friction_estimator.effects.scatter import lattice_step
+
+LEAST_LEFT = 0.3
+"""Share of the samples that must remain after masking."""
+
+SLOPE_STEP = 1e-3
+"""Share of the top speed, or of the pressures' range, over which a slope is taken."""
+
+Catalogue = Mapping[str, type[Effect]]
 
 
-def repaired(raw: Record, config: Config, context: Context) -> tuple[Record, Context, list[Finding]]:
-    """Look for faults of the data; return the record with them repaired or masked, and what was found."""
-    record = raw
-    findings: list[Finding] = []
-    for test in (quality.velocity_mismatch, quality.clock_jump):
-        finding = test(record, context) if test.__name__ in EFFECTS else None
-        if finding is not None:
-            findings.append(finding)
-            record = _with_velocity(record, config, finding.velocity_m_s)
-    fit = fit_base(record, config)
-    error = float(np.var(fit.residual_N[record.used]))
-    lattice = quality.quantization(record, error)
-    step = quality.lattice_step(record.friction_N)
-    if lattice is not None:
-        record = _recentred(record, config, step)
-    for finding in (lattice, quality.saturation(record, step), quality.dropout(record, step)):
-        if finding is not None and finding.name in EFFECTS:
-            findings.append(finding)
-            if finding.used is not None:
-                record = record.with_force(record.friction_N, record.used & finding.used)
-    fit = fit_base(record, config)
-    error = float(np.mean(np.square(fit.residual_N[record.used])))
-    noisy = quality.velocity_noise(record, _force_slope(fit, record, context), error)
-    if noisy is not None and noisy.name in EFFECTS:
-        findings.append(noisy)
-        record = _with_velocity(record, config, noisy.velocity_m_s)
-        fit = fit_base(record, config)
-    spikes = quality.outliers(record, fit.residual_N)
-    if spikes is not None and spikes.name in EFFECTS:
-        findings.append(spikes)
-        record = record.with_force(record.friction_N, record.used & (spikes.used if spikes.used is not None else True))
-    if float(record.used.mean()) < 0.3:
-        raise UnanswerableError("less than a third of the samples remain after masking faults: repair the sensor first")
-    top = float(np.abs(fit.fitted_N).max())
-    return record, record.context(config, top), findings
+def repaired(
+    raw: Record, config: Config, context: Context, catalogue: Catalogue = EFFECTS
+) -> tuple[Record, Context, list[Fault]]:
+    """Look for faults of the data; return the record with them repaired or masked, and what was found.
 
+    The effects are asked stage by stage, in the order of the catalogue; each sees the data as repaired so far.
 
-def confirmed(findings: Sequence[Finding], raw: Record, final: Joint, coarse: bool) -> list[Finding]:
-    """Return the findings without outliers that the final model explains: what looked like spikes was a cause."""
-    out = []
-    for finding in findings:
-        if finding.name == "outliers" and finding.used is not None:
-            kept = raw.used & ~(~finding.used & (np.abs(final.residual_N) > 0.0))
-            back = raw.with_force(raw.friction_N, kept | ~finding.used)
-            again = None if coarse else quality.outliers(back, final.residual_N)
-            if again is None:
+    Raises
+    ------
+    UnanswerableError : too few samples remain.
+    """
+    record, found = raw, list[Fault]()
+    fit: BaseFit | None = None
+    for stage in ("motion", "force", "residual"):
+        for cls in catalogue.values():
+            if cls.detects_at != stage:
                 continue
-        out.append(finding)
+            if fit is None and stage != "motion":
+                fit = fit_base(record, config)
+            fault = cls.detect(view_of(record, context, found, fit, config))
+            if fault is None:
+                continue
+            found.append(fault)
+            moved = with_repair(record, config, fault)
+            if moved is not record:
+                record, fit = moved, None
+                context = record.context(config, context.force_top_N)
+    if float(record.used.mean()) < LEAST_LEFT:
+        raise UnanswerableError("less than a third of the samples remain after masking faults: repair the sensor first")
+    fit = fit or fit_base(record, config)
+    return record, record.context(config, float(np.abs(fit.fitted_N).max())), found
+
+
+def scattered(
+    record: Record, context: Context, final: Joint, found: Sequence[Fault], catalogue: Catalogue = EFFECTS
+) -> list[Fault]:
+    """Return the faults that show in the scatter of what the last model leaves."""
+    asked = [cls for cls in catalogue.values() if cls.detects_at == "variance"]
+    if not asked:
+        return []
+    view = view_of(record, context, found)
+    view = replace(view, residual_N=final.residual_N, pairs=pairs(record))
+    return [fault for fault in (cls.detect(view) for cls in asked) if fault is not None]
+
+
+def confirmed(
+    found: Sequence[Fault], record: Record, context: Context, final: Joint, catalogue: Catalogue = EFFECTS
+) -> list[Fault]:
+    """Return the faults without those that the final model explains: what looked like spikes was a cause.
+
+    Asked again are the tests that masked samples by the base model's residual, with those samples given back.
+    """
+    again = {name: cls for name, cls in catalogue.items() if cls.detects_at == "residual"}
+    out = []
+    for fault in found:
+        if fault.name in again and fault.used is not None:
+            back = record.with_force(record.friction_N, record.used | ~fault.used)
+            view = view_of(back, context, [f for f in found if f is not fault])
+            if again[fault.name].detect(replace(view, residual_N=final.residual_N)) is None:
+                continue
+        out.append(fault)
     return out
 
 
-def _recentred(record: Record, config: Config, step_N: float) -> Record:
-    """Return the record with half a step added where values were cut off rather than rounded.
+def view_of(
+    record: Record, context: Context, found: Sequence[Fault], fit: BaseFit | None = None, config: Config | None = None
+) -> DataView:
+    """Return what a detector sees; with a fit, its residual and slopes as well."""
+    view = DataView(
+        samples=record.samples,
+        features=record.features,
+        context=context,
+        force_N=record.friction_N,
+        used=record.used,
+        restart=record.restart,
+        recording=record.recording,
+        block=record.block,
+        lattice_N=lattice_step(record.friction_N),
+        found=tuple(found),
+    )
+    if fit is None or config is None:
+        return view
+    by_speed, by_pressure = _slopes(fit, record, context)
+    return replace(view, residual_N=fit.residual_N, force_slope=by_speed, pressure_slope=by_pressure)
 
-    Cutting off shifts the mean by half a step; that much, to a sixth of a step, is the lattice's and no bias.
-    """
-    bias = float(fit_base(record, config, np.ones((record.used.size, 1))).extra_weights[0])
-    if abs(abs(bias) - 0.5 * step_N) > step_N / 6.0:
-        return record
-    return record.with_force(record.friction_N - np.sign(bias) * 0.5 * step_N, record.used)
+
+def with_repair(record: Record, config: Config, fault: Fault) -> Record:
+    """Return the record with a fault repaired: channels replaced, samples masked; the same where nothing is."""
+    channels: dict[str, Any] = {
+        name: values
+        for name, values in (
+            ("velocity_m_s", fault.velocity_m_s),
+            ("position_m", fault.position_m),
+            ("pressure_Pa", fault.pressure_Pa),
+        )
+        if values is not None
+    }
+    if channels:
+        theory = config.theory
+        maker = FeatureMaker(theory.ambient_pressure, theory.default_pressure, theory.default_temperature)
+        samples = replace(record.samples, **channels)
+        record = replace(record, samples=samples, features=maker(samples))
+    if fault.offset_N:
+        record = record.with_force(record.friction_N - fault.offset_N, record.used)
+    if fault.used is not None:
+        record = record.with_force(record.friction_N, record.used & fault.used)
+    return record
 
 
-def _with_velocity(record: Record, config: Config, velocity_m_s: Floats | None) -> Record:
-    """Return the record with another velocity, its features computed anew."""
-    if velocity_m_s is None:
-        return record
-    samples = replace(record.samples, velocity_m_s=velocity_m_s)
-    theory = config.theory
-    maker = FeatureMaker(theory.ambient_pressure, theory.default_pressure, theory.default_temperature)
-    return replace(record, samples=samples, features=maker(samples))
-
-
-def _force_slope(fit: BaseFit, record: Record, context: Context) -> Floats:
-    """Return dF/dv at the samples, (n,), N s/m."""
+def _slopes(fit: BaseFit, record: Record, context: Context) -> tuple[Floats, Floats]:
+    """Return dF/dv, N s/m, and dF/dp, N/Pa, at the samples, (n,) each."""
     reference = reference_of(fit, record, context.sign_velocity_m_s)
-    f = record.features
-    step = 1e-3 * context.top_speed_m_s
-    more = reference.force(f.velocity_m_s + step, f.pressure_Pa)
-    less = reference.force(f.velocity_m_s - step, f.pressure_Pa)
-    return np.asarray((more - less) / (2.0 * step))
+    v, p = record.features.velocity_m_s, record.features.pressure_Pa
+    step = SLOPE_STEP * context.top_speed_m_s
+    by_speed = (reference.force(v + step, p) - reference.force(v - step, p)) / (2.0 * step)
+    step = SLOPE_STEP * max(context.pressure_span_Pa, 1.0)
+    by_pressure = (reference.force(v, p + step) - reference.force(v, p - step)) / (2.0 * step)
+    return by_speed, by_pressure

@@ -5,14 +5,14 @@ order of `ORDER`, repairs or masks what they find, and shows each the data as re
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from friction_estimator.core.sample import Bools, Floats, Ints, Samples
 from friction_estimator.effects.features import Context, Features
 
-ORDER = ("", "stamps", "motion", "force", "residual", "variance")
-"""Values of `Effect.detects_at`: no detector; what was counted while reading (`DataView.facts`); the motion channels;
-the force channel; the residual of the base model; the residual of the last model, whose scatter is judged."""
+ORDER = ("", "motion", "force", "residual", "variance")
+"""Values of `Effect.detects_at`: no detector; the motion channels; the force channel; the residual of the base model;
+the residual of the last model, whose scatter is judged."""
 
 COMPLETELY = "completely"
 MASKED = "masked"
@@ -35,7 +35,7 @@ class Fault:
     repaired : COMPLETELY, MASKED, SMOOTHED, DIVIDED or NOT_REPAIRED.
     p_value : of the test that found it; None where none was computed.
     used : (n,) bool, samples that remain after masking, or None.
-    velocity_m_s, pressure_Pa : (n,) repaired channel (the pressure absolute, as recorded), or None.
+    velocity_m_s, position_m, pressure_Pa : (n,) repaired channel (the pressure absolute, as recorded), or None.
     offset_N : to be taken off the force, N: the shift of a lattice that cuts off instead of rounding.
     power_N2 : power of the error that it makes, N^2; 0 where it makes none in the force.
     conceals_N2 : error power below which nothing can be told from this fault, N^2; 0 where it conceals nothing.
@@ -48,6 +48,7 @@ class Fault:
     p_value: float | None = None
     used: Bools | None = None
     velocity_m_s: Floats | None = None
+    position_m: Floats | None = None
     pressure_Pa: Floats | None = None
     offset_N: float = 0.0
     power_N2: float = 0.0
@@ -65,11 +66,9 @@ class DataView:
     used : (n,) bool, False for masked samples. restart : (n,) bool, first sample after a gap.
     recording, block : (n,) int, number of the recording and of the block of time.
     residual_N : (n,), of the base model ("residual") or of the last model ("variance"), N; None before a fit.
-    force_slope : (n,), dF/dv of the base model's static curve, N s/m; None before a fit.
-    pressure_slope : (n,), dF/dp of it, N/Pa; None before a fit.
+    force_slope, pressure_slope : (n,), dF/dv and dF/dp of the base model's static curve, N s/m and N/Pa; None before.
     lattice_N : step of the lattice that the force lies on, N; 0 where it lies on none.
     pairs : samples that a deterministic system would make equal, (m,), (m,); None where they were not sought.
-    facts : what was counted while reading, see the detectors of the stage "stamps".
     found : faults found so far, in their order.
     """
 
@@ -86,5 +85,4 @@ class DataView:
     pressure_slope: Floats | None = None
     lattice_N: float = 0.0
     pairs: tuple[Ints, Ints] | None = None
-    facts: Mapping[str, float] = field(default_factory=dict)
     found: tuple[Fault, ...] = ()

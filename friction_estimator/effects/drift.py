@@ -7,7 +7,8 @@ from typing import ClassVar
 import numpy as np
 
 from friction_estimator.core.sample import Floats
-from friction_estimator.effects.base import SLOW, Columns, Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.base import SLOW, Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import STRAIGHT
 from friction_estimator.effects.reference import BOUNDARY, VISCOUS, Reference

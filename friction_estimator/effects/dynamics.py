@@ -7,22 +7,8 @@ from typing import ClassVar
 import numpy as np
 
 from friction_estimator.core.sample import Floats
-from friction_estimator.effects.base import (
-    RECORDINGS,
-    REVERSAL,
-    Columns,
-    Effect,
-    Key,
-    Params,
-    Words,
-    amplitudes,
-    chosen,
-    effect,
-    form_key,
-    own_phases,
-    recording_of,
-    several,
-)
+from friction_estimator.effects.base import REVERSAL, Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.columns import RECORDINGS, Columns, amplitudes, own_phases, recording_of, several
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import beyond_time, geometric, longest_piece_s, longest_relaxation_s, times
 from friction_estimator.effects.kernels import film_lag, maxwell
@@ -214,14 +200,14 @@ class FrictionalLag(Effect):
 
     def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:  # noqa: ARG002
         """Let the film follow a lagged speed."""
-        from friction_estimator.effects.sensor import _lag  # noqa: PLC0415 - same filter
+        from friction_estimator.effects.timing import lagged_force  # noqa: PLC0415 - same filter
 
         lag, speed = self["lag"], trace.film_speed_m_s
         if lag <= 0.0:
             return trace
         if self["form"] >= 0.5:
             return replace(trace, film_speed_m_s=np.interp(trace.time_s - lag, trace.time_s, speed))
-        return replace(trace, film_speed_m_s=np.maximum(_lag(speed, trace.step_s, lag), 0.0))
+        return replace(trace, film_speed_m_s=np.maximum(lagged_force(speed, trace.step_s, lag), 0.0))
 
     @classmethod
     def grid(cls, context: Context) -> list[dict[str, float]]:

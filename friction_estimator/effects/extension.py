@@ -18,7 +18,8 @@ from friction_estimator.core.model.theory_seal import SealCurve
 from friction_estimator.core.sample import Floats, Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import NO_VELOCITY
-from friction_estimator.effects.base import EFFECTS, Columns, Effect, RunningForce
+from friction_estimator.effects.base import EFFECTS, Effect
+from friction_estimator.effects.columns import Columns, RunningForce
 from friction_estimator.effects.features import FeatureMaker
 from friction_estimator.effects.reference import Reference, Surface
 

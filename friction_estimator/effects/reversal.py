@@ -6,7 +6,10 @@ from typing import ClassVar
 import numpy as np
 
 from friction_estimator.core.sample import Floats
-from friction_estimator.effects.base import REVERSAL, Columns, Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.base import REVERSAL, Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.burst import find_burst
+from friction_estimator.effects.columns import Columns
+from friction_estimator.effects.detection import NOT_REPAIRED, DataView, Fault
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import beyond_length, lengths
 from friction_estimator.effects.kernels import hysteron, play, rest_spike, slip_chain
@@ -15,6 +18,16 @@ from friction_estimator.effects.trace import Trace
 
 GAP_RATIO = 1.8
 """Of neighbouring gaps in the grid: a box must overlap the true one by more than a half."""
+
+
+LEVEL = 0.01
+"""Of the test for bursts."""
+
+LIKELY = 18.0
+"""Twice the log likelihood that bursts must bring over even scatter: that of two parameters at a level of 1e-4."""
+
+LEAST_SHARE = 0.002
+"""Of the power that is left: smaller bursts are not worth a name."""
 
 
 @effect
@@ -275,6 +288,32 @@ class StickSlip(Effect):
             wave = 2.0 * np.mod(angle / (2.0 * np.pi), 1.0) - 1.0 if self["form"] >= 0.5 else np.sin(angle)
             force[start : start + since.size] += self["amplitude"] * wave * np.exp(-since / self["decay"])
         return trace.with_friction(force)
+
+    @classmethod
+    def detect(cls, view: DataView) -> Fault | None:
+        """Test whether what does not repeat from cycle to cycle is larger after reversals."""
+        others = {fault.name for fault in view.found}
+        if others & set(cls.words.confused_with) or any(fault.conceals_N2 for fault in view.found):
+            return None
+        burst = find_burst(view)
+        if burst is None or view.residual_N is None:
+            return None
+        noise = float(np.mean(np.square(view.residual_N[view.used])))
+        named = burst.p_value < LEVEL and burst.likelihood_ratio > LIKELY
+        if not named or burst.power_N2 < LEAST_SHARE * noise:
+            return None
+        a, d = burst.amplitude_N, burst.decay_s
+        return Fault(
+            cls.name,
+            "the residual varies from cycle to cycle, most after reversals",
+            {
+                "amplitude": (a, "N", a - burst.amplitude_reach_N, a + burst.amplitude_reach_N),
+                "decay": (d, "s", d - burst.decay_reach_s, d + burst.decay_reach_s),
+            },
+            NOT_REPAIRED,
+            p_value=burst.p_value,
+            power_N2=burst.power_N2,
+        )
 
 
 def _steps(trace: Trace) -> tuple[Floats, Floats]:

@@ -1,18 +1,45 @@
-"""Faults of the force channel: bias, clipping, resolution, held values, spikes, filtering and delay."""
+"""Faults of the force channel: bias, clipping, resolution, held values, spikes."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
+from scipy.stats import binom
 
-from friction_estimator.core.sample import Floats
-from friction_estimator.effects.base import REVERSAL, Columns, Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.core.sample import Bools, Floats, Ints
+from friction_estimator.effects.base import Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.columns import Columns
+from friction_estimator.effects.detection import MASKED, NOT_REPAIRED, DataView, Fault
 from friction_estimator.effects.features import Context, Features
-from friction_estimator.effects.grids import beyond_time, times
-from friction_estimator.effects.kernels import RING, force_delay, force_lag
-from friction_estimator.effects.reference import FORCE, Reference
+from friction_estimator.effects.reference import Reference
+from friction_estimator.effects.scatter import MAD, lattice_interval, local_scale, moving
 from friction_estimator.effects.trace import Trace
+
+LEAST_SHARE = 0.002
+"""Of the error power: less is not worth a name."""
+
+ROUNDING = 1e-12
+"""Relative: what equal values differ by after a change of units."""
+
+FEWEST_TIES, FEWEST_RUNS = 8, 4
+
+COARSE = 0.5
+"""Share of the error power beyond which a lattice conceals causes that make less."""
+
+CUT = 1.0 / 6.0
+"""Of a step: as near as that to half a step the mean error is the lattice's that cuts off instead of rounding."""
+
+LONG_RUN = 5
+"""Equal values in a row, one such run is enough among values that never recur."""
+
+FINE_LATTICE = 0.98
+"""Share of distinct values below which single repeats are natural."""
+
+SPIKE = 4.8
+"""Robust standard deviations of an innovation that count as a spike; white Gaussian noise has one in 600,000."""
+
+SPIKE_CHANCE = 1.7e-6
+FEWEST_SPIKES = 4
 
 
 @effect
@@ -109,6 +136,35 @@ class Saturation(Effect):
 
         return Columns(compute)
 
+    @classmethod
+    def detect(cls, view: DataView) -> Fault | None:
+        """Find values piled up at the largest force while the shaft moves: far more than at the levels below."""
+        force = view.force_N
+        on = view.used & moving(view)
+        for sign in (1.0, -1.0):
+            side = sign * force[on]
+            level = float(side.max()) if side.size else 0.0
+            if level <= 0.0:
+                continue
+            at = side >= level - ROUNDING * level
+            runs = int((at & ~np.concatenate([[False], at[:-1]])).sum())
+            width = view.lattice_N
+            below = int(((side < level - 0.5 * width) & (side >= level - 1.5 * width)).sum()) if width else 0
+            if at.sum() >= FEWEST_TIES and runs >= FEWEST_RUNS and at.sum() > 4 * below:
+                return Fault(
+                    cls.name,
+                    f"{int(at.sum())} samples lie exactly at the largest force, {level:.4g} N",
+                    {"level": (level, "N", level * (1.0 - 1e-6) - width, level * (1.0 + 1e-6) + width)},
+                    MASKED,
+                    used=view.used & (np.abs(force) < level - ROUNDING * level),
+                )
+        return None
+
+    @classmethod
+    def repairing_term(cls, fault: Fault) -> dict[str, float] | None:
+        """The clipped sensor goes on clipping: its level, with coefficient one."""
+        return {"level": fault.parameters["level"][0]}
+
     signs = (1,)
     refined = ("level",)
 
@@ -140,6 +196,29 @@ class Quantization(Effect):
         """Round to the lattice."""
         snap = np.floor if self["form"] >= 0.5 else np.round
         return trace.with_friction(snap(trace.friction_N / self["step"]) * self["step"])
+
+    @classmethod
+    def detect(cls, view: DataView) -> Fault | None:
+        """Find a lattice whose rounding error, step^2 / 12, is a share of the error power worth a name."""
+        step, residual = view.lattice_N, view.residual_N
+        if step == 0.0 or residual is None:
+            return None
+        power, error = step * step / 12.0, float(np.var(residual[view.used]))
+        if power < LEAST_SHARE * error:
+            return None
+        force = view.force_N[view.used]
+        # Cutting off shifts the mean by half a step; that much is the lattice's and no bias.
+        bias = float(np.mean(residual[view.used]))
+        cut = abs(abs(bias) - 0.5 * step) <= CUT * step
+        return Fault(
+            cls.name,
+            f"the force takes {np.unique(force).size} distinct values, {step:.4g} N apart",
+            {"step": _with_unit(lattice_interval(force, step), "N")},
+            NOT_REPAIRED,
+            offset_N=float(np.sign(bias)) * 0.5 * step if cut else 0.0,
+            power_N2=power,
+            conceals_N2=power if power > COARSE * error else 0.0,
+        )
 
 
 @effect
@@ -175,6 +254,56 @@ class Dropout(Effect):
             if start > 0:
                 force[start : start + sizes[start]] = force[start - 1]
         return trace.with_friction(force)
+
+    @classmethod
+    def detect(cls, view: DataView) -> Fault | None:
+        """Find runs of one repeated force value while the shaft moves on.
+
+        On a lattice repeats are natural: there a run must be far longer than the lattice's own runs, and the force
+        that the model expects must have moved by two steps in it.
+        """
+        force, step, n = view.force_N, view.lattice_N, view.force_N.size
+        same = np.zeros(n, np.bool_)
+        same[1:] = (force[1:] == force[:-1]) & ~view.restart[1:]
+        same &= moving(view) & view.used
+        if not same.any():
+            return None
+        start = np.flatnonzero(same & ~np.concatenate([[False], same[:-1]]))
+        stop = np.flatnonzero(same & ~np.concatenate([same[1:], [False]])) + 1
+        length = stop - start
+        fewest = 1 if int(length.max()) >= LONG_RUN else 2
+        if step > 0.0:
+            natural = min(max(float(same.mean()), 1e-9), 0.999)
+            keep = length > max(float(np.log(1e-4 / n) / np.log(natural)), 3.0)
+            if view.residual_N is not None:
+                expected = force - view.residual_N
+                keep &= np.array([np.ptp(expected[a - 1 : b]) > 2.0 * step for a, b in zip(start, stop, strict=True)])
+        else:
+            # One repeat at the very top is rather a clipped sensor.
+            keep = ~((np.abs(force[start]) >= np.abs(force).max()) & (length < 3))
+            if np.unique(force).size < FINE_LATTICE * (n - int(same.sum())):
+                keep &= length >= 3
+                fewest = 8
+        start, stop = start[keep], stop[keep]
+        lost = int((stop - start).sum())
+        # The longest run at the clipping level is no dropout.
+        if start.size < fewest or lost < max(6, 1e-4 * n) or np.unique(force[start]).size < 0.5 * start.size:
+            return None
+        held = np.zeros(n, np.bool_)
+        for a, b in zip(start, stop, strict=True):
+            held[a:b] = True
+        share = float(held.mean())
+        reach = 2.0 * float(np.sqrt(np.square(stop - start).sum())) / n
+        return Fault(
+            cls.name,
+            f"{start.size} runs of exactly equal force values while the shaft moves, {lost} samples in all",
+            {
+                "fraction": (share, "", max(0.0, share - reach), share + reach),
+                "length": (lost / start.size, "samples", *_mean_interval(stop - start)),
+            },
+            MASKED,
+            used=view.used & ~held,
+        )
 
 
 @effect
@@ -212,198 +341,69 @@ class Outliers(Effect):
         force[place] += self["amplitude"] * height
         return trace.with_friction(force)
 
-
-@effect
-class TimeDelay(Effect):
-    """f(t - D)."""
-
-    name = "time_delay"
-    family = "timing"
-    stage = "transmission"
-    acts = REVERSAL
-    delays = True
-    keys = (Key("delay", "s", 1e-3, 0.0, 1.0, "delay of the force behind the velocity"),)
-    size_key = "delay"
-    turns = True
-    linear = False
-    reveals = "since_reversal_s"
-    systematic: ClassVar[Mapping[str, float]] = {"delay": 0.03}
-    words = Words(
-        "the force is late: delay of the channel, or stamps taken on arrival",
-        "a spike after each reversal that lasts as long at every speed of the drive (e ~ df/dt)",
-        {
-            "sensor_lowpass": "a sharp step: a delay shifts it, a filter rounds it",
-            "presliding": "two periods: a delay is the same time, presliding the same distance",
-            "frictional_lag": "speed steps without reversal",
-        },
-    )
-
-    def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:  # noqa: ARG002
-        """Interpolate cubically on the fine grid: a linear one would smear like a filter."""
-        from scipy.interpolate import CubicSpline  # noqa: PLC0415 - only the simulation needs it
-
-        when = np.maximum(trace.time_s - self["delay"], trace.time_s[0])
-        return trace.with_friction(np.asarray(CubicSpline(trace.time_s, trace.friction_N)(when)))
-
     @classmethod
-    def grid(cls, context: Context) -> list[dict[str, float]]:
-        """Delays from 0.02 samples to a quarter of the shortest period."""
-        return chosen(times(context), "delay")
-
-    @classmethod
-    def columns(cls, params: Params) -> Columns:
-        """Return F(t - D) - F(t)."""
-
-        def compute(f: Features, r: Reference, s: Floats) -> Floats:
-            out = np.empty(f.size)
-            force_delay(
-                f.step_s,
-                f.velocity_m_s,
-                f.pressure_Pa,
-                params["delay"],
-                r.tables[FORCE],
-                r.pressures_Pa,
-                r.bend_m_s,
-                r.reach,
-                s,
-                out,
-            )
-            return out
-
-        return Columns(compute, state=1 + 2 * RING, filtered=True)
-
-    @classmethod
-    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
-        """Neither far below a sample nor a good part of a stroke."""
-        return beyond_time("delay", params["delay"], context)
-
-    signs = (1,)
-    fixed_gain = True
-    refined = ("delay",)
-
-
-@effect
-class SensorLowpass(Effect):
-    """Low-pass filtered force."""
-
-    name = "sensor_lowpass"
-    family = "timing"
-    stage = "transmission"
-    acts = REVERSAL
-    delays = True
-    keys = (
-        Key("time_constant", "s", 1e-3, 0.0, 1.0, "time constant of the first-order filter"),
-        form_key("two equal poles in series, together of the same delay"),
-    )
-    size_key = "time_constant"
-    turns = True
-    linear = False
-    reveals = "since_reversal_s"
-    systematic: ClassVar[Mapping[str, float]] = {"time_constant": 0.3}
-    words = Words(
-        "the force channel is low-pass filtered",
-        "reversals are smeared over the same time at every speed of the drive",
-        {
-            "time_delay": "a sharp step: a filter rounds it, a delay shifts it",
-            "presliding": "two periods: a filter is the same time, presliding the same distance",
-            "squeeze_film": "a second period or stroke",
-        },
-    )
-
-    def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:  # noqa: ARG002
-        """Filter; exact for a force linear between steps."""
-        tau, force = self["time_constant"], trace.friction_N
-        if tau <= 0.0:
-            return trace
-        if self["form"] >= 0.5:
-            half = 0.5 * tau
-            return trace.with_friction(_lag(_lag(force, trace.step_s, half), trace.step_s, half))
-        return trace.with_friction(_lag(force, trace.step_s, tau))
-
-    @classmethod
-    def grid(cls, context: Context) -> list[dict[str, float]]:
-        """Time constants from 0.02 samples to a quarter of the shortest period."""
-        return chosen(times(context), "time_constant")
-
-    @classmethod
-    def columns(cls, params: Params) -> Columns:
-        """Return LP(F) - F."""
-
-        def compute(f: Features, r: Reference, s: Floats) -> Floats:
-            out = np.empty(f.size)
-            force_lag(
-                f.step_s,
-                f.previous_m_s,
-                f.velocity_m_s,
-                f.pressure_Pa,
-                params["time_constant"],
-                r.tables[FORCE],
-                r.pressures_Pa,
-                r.bend_m_s,
-                r.reach,
-                s,
-                out,
-            )
-            return out
-
-        return Columns(compute, state=3, filtered=True)
-
-    @classmethod
-    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
-        """Neither far below a sample nor a good part of a stroke."""
-        return beyond_time("time constant", params["time_constant"], context)
-
-    signs = (1,)
-    fixed_gain = True
-    refined = ("time_constant",)
+    def detect(cls, view: DataView) -> Fault | None:
+        """Find isolated spikes among the innovations of an autoregression of order two, against the local scale."""
+        residual, used = view.residual_N, view.used
+        if residual is None or any(fault.conceals_N2 for fault in view.found):
+            return None
+        usual = MAD * float(np.median(np.abs(residual[used]))) + 1e-300
+        calm = np.clip(residual, -2.5 * usual, 2.5 * usual)
+        past = np.column_stack([calm[1:-1], calm[:-2]])
+        weights = np.linalg.lstsq(past, calm[2:], rcond=None)[0]
+        # Clipped neighbours: a spike must not make the sample after it look like one.
+        innovation = np.concatenate([residual[:2], residual[2:] - past @ weights])
+        size = np.abs(innovation) / local_scale(view.features, used, innovation)
+        hit = (size > SPIKE) & used
+        neighbours = np.zeros(hit.size)
+        for shift in (1, 2, 3):
+            neighbours[shift:] += size[:-shift] > np.maximum(3.5, 0.5 * size[shift:])
+            neighbours[:-shift] += size[shift:] > np.maximum(3.5, 0.5 * size[:-shift])
+        hit &= neighbours == 0
+        count = int(hit.sum())
+        if count >= FEWEST_SPIKES and _gathered(view, hit):
+            return None
+        power = float(np.square(innovation[hit]).sum()) / max(int(used.sum()), 1)
+        total = float(np.mean(np.square(residual[used])))
+        p_value = float(binom.sf(count - 1, residual.size, SPIKE_CHANCE))
+        if count < FEWEST_SPIKES or p_value > 1e-4 or power < LEAST_SHARE * total:
+            return None
+        height = float(np.sqrt(np.mean(np.square(innovation[hit]))))
+        reach = height * (0.02 + 2.0 * usual / height / np.sqrt(count)) + 0.5 * float(np.std(np.abs(innovation[hit])))
+        share = count / residual.size
+        spread = 2.0 * float(np.sqrt(count)) / residual.size
+        return Fault(
+            cls.name,
+            f"{count} isolated spikes of about {height:.3g} N",
+            {
+                "amplitude": (height, "N", height - reach, height + reach),
+                "fraction": (share, "", max(0.0, share - spread), share + spread),
+            },
+            MASKED,
+            p_value=p_value,
+            used=used & ~hit,
+            power_N2=power,
+        )
 
 
-def _lag(force: Floats, step_s: float, tau: float) -> Floats:
-    """Return the first-order lag of a force that is linear between its samples, started in equilibrium."""
-    from scipy.signal import lfilter  # noqa: PLC0415 - slow to import, only the simulation needs it
-
-    decay = np.exp(-step_s / tau)
-    mean = tau / step_s * (1.0 - decay)
-    # y[k] = decay y[k-1] + (mean - decay) f[k-1] + (1 - mean) f[k]
-    start = np.array([force[0] - (1.0 - mean) * force[0]])
-    return np.asarray(lfilter([1.0 - mean, mean - decay], [1.0, -decay], force, zi=start)[0])
+def _with_unit(interval: tuple[float, float, float], unit: str) -> tuple[float, str, float, float]:
+    value, low, high = interval
+    return value, unit, low, high
 
 
-@effect
-class VelocityNoise(Effect):
-    """Errors in v."""
-
-    name = "velocity_noise"
-    family = "velocity"
-    stage = "sensor"
-    scatters = True
-    detects_at = "residual"
-    figure = "smoothing"
-    keys = (
-        Key("deviation", "m/s", 1e-3, 0.0, 1e3, "standard deviation of the noise on the velocity channel"),
-        form_key("correlated from sample to sample (moving average of two)"),
-    )
-    size_key = "deviation"
-    linear = False
-    reveals = "velocity_m_s"
-    words = Words(
-        "the velocity channel is noisy",
-        "residual variance grows with the slope of the curve, dF/dv; slopes are fitted too flat",
-        {"stick_slip": "third difference of the velocity: it is white where the channel is noisy"},
-    )
-
-    def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:
-        """Add noise to the measured velocity; the force stays."""
-        noise = rng.standard_normal(trace.time_s.size + 1)
-        noise = (noise[1:] + noise[:-1]) / np.sqrt(2.0) if self["form"] >= 0.5 else noise[1:]
-        return replace(trace, velocity_measured_m_s=trace.velocity_measured_m_s + self["deviation"] * noise)
-
-    def change(self, before: Trace, after: Trace) -> Floats:
-        """Return the error of the friction that belongs to the measured velocity."""
-        return seen_at(after, after.velocity_measured_m_s) - seen_at(before, before.velocity_measured_m_s)
+def _mean_interval(values: Ints) -> tuple[float, float]:
+    mean = float(np.mean(values))
+    reach = 2.0 * float(np.std(values)) / float(np.sqrt(len(values))) + 0.5
+    return mean - reach, mean + reach
 
 
-def seen_at(trace: Trace, velocity_m_s: Floats) -> Floats:
-    """Return the friction that the plant would have at another velocity."""
-    moved = replace(trace, velocity_m_s=velocity_m_s, film_speed_m_s=np.abs(velocity_m_s))
-    return trace.law(moved)
+def _gathered(view: DataView, hit: Bools) -> bool:
+    """Return whether hits gather at one place of the cycle: then they are a cause, not interference."""
+    f = view.features
+    since = np.where(np.isfinite(f.since_reversal_s), f.since_reversal_s, 1e9)
+    for values in (since, f.velocity_m_s, f.position_m):
+        edges = np.quantile(values, np.linspace(0.0, 1.0, 26)[1:-1])
+        cell = np.searchsorted(edges, values[hit])
+        if np.bincount(cell).max() > max(3.0, 0.3 * cell.size):
+            return True
+    return False

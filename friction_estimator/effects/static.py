@@ -6,21 +6,8 @@ from typing import ClassVar
 import numpy as np
 
 from friction_estimator.core.sample import Floats
-from friction_estimator.effects.base import (
-    RECORDINGS,
-    Columns,
-    Effect,
-    Key,
-    Params,
-    Words,
-    amplitudes,
-    chosen,
-    effect,
-    form_key,
-    own_phases,
-    recording_of,
-    several,
-)
+from friction_estimator.effects.base import Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.columns import RECORDINGS, Columns, amplitudes, own_phases, recording_of, several
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.kernels import waves
 from friction_estimator.effects.reference import Reference

@@ -1,0 +1,113 @@
+"""Columns of a regressor as causal machines, and the running force that they are made from."""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from friction_estimator.core.sample import Floats, Ints
+from friction_estimator.effects.features import Features
+from friction_estimator.effects.kernels import fir
+from friction_estimator.effects.reference import Reference
+
+
+class Columns:
+    """Columns of an effect as a causal machine: fed with consecutive pieces, it gives what one piece would.
+
+    Parameters
+    ----------
+    compute : (features, reference, state) -> (n, size), N; `state` is carried from piece to piece.
+    size : number of columns.
+    state : number of state variables.
+    filtered : True where the effect acts before the base model's FIR: the columns then pass through it.
+    """
+
+    def __init__(
+        self,
+        compute: Callable[[Features, Reference, Floats], Floats],
+        size: int = 1,
+        state: int = 0,
+        filtered: bool = False,
+    ) -> None:
+        self._compute = compute
+        self.size = size
+        self._state = np.zeros(state)
+        self._filtered = filtered
+        self._ring: Floats | None = None
+
+    def restart(self) -> None:
+        """Forget the past."""
+        self._state[:] = 0.0
+        self._ring = None
+
+    def __call__(self, features: Features, reference: Reference) -> Floats:
+        """Return the columns for the next samples, (n, size), N per unit of their coefficient."""
+        out = self._compute(features, reference, self._state).reshape(features.size, self.size)
+        if self._filtered and reference.taps.size:
+            if self._ring is None:
+                self._ring = np.zeros(1 + reference.taps.size * self.size)
+            out = through_fir(features.step_s, out, reference.taps, self._ring)
+        return out
+
+
+def through_fir(step_s: Floats, values: Floats, taps: Floats, ring: Floats) -> Floats:
+    """Return values through the FIR [1, taps], normalised to gain one; `ring` carries the delay line."""
+    out = np.empty(values.shape)
+    fir(step_s, np.ascontiguousarray(values), taps, ring, out)
+    return np.asarray(out / (1.0 + taps.sum()))
+
+
+RECORDINGS = "recordings"
+"""Parameter of columns that have a phase of their own in each recording: the number of recordings."""
+
+
+def recording_of(features: Features) -> Ints:
+    """Return the number of the recording of each sample, (n,); one alone has the number 0."""
+    known = getattr(features, "recording", None)
+    return np.zeros(features.size, np.int64) if known is None else np.asarray(known, np.int64)
+
+
+def own_phases(columns: Floats, features: Features, params: Mapping[str, float]) -> Floats:
+    """Return (n, c) columns as (n, c recordings): each recording has coefficients of its own.
+
+    Clocks and encoders may have another origin in each. A recording beyond those that were fitted takes the last ones.
+    """
+    count = round(params.get(RECORDINGS, 1.0))
+    if count == 1:
+        return columns
+    number = np.minimum(recording_of(features), count - 1)
+    out = np.zeros((columns.shape[0], count, columns.shape[1]))
+    out[np.arange(number.size), number] = columns
+    return out.reshape(columns.shape[0], -1)
+
+
+def amplitudes(weights: Floats, params: Mapping[str, float]) -> Floats:
+    """Return for each pair of cosine and sine the rms amplitude over the recordings, (pairs,)."""
+    count = round(params.get(RECORDINGS, 1.0))
+    squares = np.square(weights).reshape(count, -1, 2).sum(axis=2)
+    return np.asarray(np.sqrt(squares.mean(axis=0)))
+
+
+def several(features: Features) -> dict[str, float]:
+    """Return the parameter that gives each recording its own phase, empty where there is one recording."""
+    count = int(recording_of(features).max()) + 1 if features.size else 1
+    return {RECORDINGS: float(count)} if count > 1 else {}
+
+
+class RunningForce:
+    """Force of the base model, FIR included, as a causal machine."""
+
+    def __init__(self, reference: Reference) -> None:
+        self._reference = reference
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the past."""
+        self._ring = np.zeros(1 + max(1, self._reference.taps.size))
+
+    def __call__(self, features: Features) -> Features:
+        """Return the features of the next samples with their force."""
+        static = self._reference.force(features.velocity_m_s, features.pressure_Pa)
+        if not self._reference.taps.size:
+            return features.with_force(static)
+        force = through_fir(features.step_s, static[:, None], self._reference.taps, self._ring)
+        return features.with_force(force[:, 0])

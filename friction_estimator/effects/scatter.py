@@ -1,0 +1,135 @@
+"""What detectors measure of channels: lattices, noise under a smooth signal, the local scale of a residual."""
+
+from itertools import pairwise
+
+import numpy as np
+from scipy.signal import savgol_filter
+from scipy.stats import t as student
+
+from friction_estimator.core.sample import Bools, Floats
+from friction_estimator.effects.detection import DataView
+from friction_estimator.effects.features import Features
+
+MAD = 1.4826
+"""Standard deviation of a Gaussian over its median absolute deviation."""
+
+FEWEST_LEVELS = 5
+"""Distinct values; with fewer any two spacings look alike."""
+
+SMOOTHING = 9
+"""Samples of the Savitzky-Golay window that smooths a noisy velocity."""
+
+FEWEST_DIFFERENCES = 100
+
+AT_REST = 0.01
+"""Share of the top speed below which the shaft may be standing."""
+
+
+def lattice_step(values: Floats) -> float:
+    """Return the spacing of the lattice that the values lie on, or 0 where they do not repeat.
+
+    >>> round(lattice_step(np.round(np.random.default_rng(0).normal(size=4000), 1)), 6)
+    0.1
+    """
+    distinct = np.unique(values)
+    if distinct.size < FEWEST_LEVELS or values.size < 4 * distinct.size:
+        return 0.0
+    gaps = np.diff(distinct)
+    step = float(np.quantile(gaps, 0.05))
+    near = gaps[gaps < 1.5 * step]
+    step = float(near.mean())
+    if step <= 0.0:
+        return 0.0
+    off = np.abs(gaps / step - np.round(gaps / step))
+    return step if np.quantile(off, 0.98) < 0.02 else 0.0
+
+
+def lattice_interval(values: Floats, step: float) -> tuple[float, float, float]:
+    """Return the spacing fitted to all levels, and the ends of its 95 % interval."""
+    distinct = np.unique(values)
+    number = np.concatenate([[0.0], np.cumsum(np.round(np.diff(distinct) / step))])
+    centred = number - number.mean()
+    energy = float(centred @ centred)
+    fitted = float(centred @ distinct) / energy
+    rest = distinct - distinct.mean() - fitted * centred
+    spread = float(np.sqrt(rest @ rest / max(rest.size - 2, 1) / energy))
+    reach = float(student.ppf(0.975, max(rest.size - 2, 1))) * spread + 1e-9 * fitted
+    return fitted, fitted - reach, fitted + reach
+
+
+def moving(view: DataView) -> Bools:
+    """Return where the shaft moves on: a shaft at rest repeats its force, and so does a steady one without noise."""
+    v = view.features.velocity_m_s
+    fast = np.abs(v) > AT_REST * view.context.top_speed_m_s
+    steady = np.zeros(v.size, np.bool_)
+    steady[1:] = v[1:] == v[:-1]
+    same = np.zeros(v.size, np.bool_)
+    same[1:] = view.force_N[1:] == view.force_N[:-1]
+    natural = steady & fast
+    if natural.any() and float(same[natural].mean()) > 0.5:
+        fast &= ~steady
+    return np.asarray(fast)
+
+
+def local_scale(features: Features, used: Bools, residual: Floats) -> Floats:
+    """Return the robust local standard deviation of a residual, (n,): by time since the reversal and by speed."""
+    since = np.where(np.isfinite(features.since_reversal_s), features.since_reversal_s, 1e9)
+    scale = np.zeros(residual.size)
+    for values in (since, np.abs(features.velocity_m_s)):
+        edges = np.quantile(values, np.linspace(0.0, 1.0, 25)[1:-1])
+        cell = np.searchsorted(edges, values)
+        for number in range(cell.max() + 1):
+            inside = cell == number
+            good = residual[inside & used]
+            if good.size > 20:
+                scale[inside] = np.maximum(scale[inside], MAD * np.median(np.abs(good - np.median(good))))
+    return np.maximum(scale, 1e-300)
+
+
+def noise_under(values: Floats, restart: Bools, blocks: int = 12) -> tuple[float, float, float] | None:
+    """Return the deviation of the noise on a smooth channel and its 95 % interval, or None where there is none.
+
+    By third differences, which a smooth channel does not have: for white noise of variance s^2 they have variance
+    20 s^2 and correlation -3/4 from one to the next. The interval is that of the mean over parts of the record.
+    """
+    third = values[3:] - 3.0 * values[2:-1] + 3.0 * values[1:-2] - values[:-3]
+    third = third[~(restart[3:] | restart[2:-1] | restart[1:-2])]
+    third = third[np.isfinite(third)]
+    if third.size < FEWEST_DIFFERENCES:
+        return None
+    spread = MAD * float(np.median(np.abs(third - np.median(third))))
+    # A channel that changes its profile jumps now and then: such differences are shortened.
+    third = np.clip(third, -4.0 * spread, 4.0 * spread)
+    if float(np.mean(third[1:] * third[:-1])) >= -0.2 * float(np.mean(np.square(third))):
+        return None
+    power = noise_power(third)
+    parts = np.array([noise_power(part) for part in np.array_split(third, blocks)])
+    error = float(parts.std(ddof=1)) / np.sqrt(blocks)
+    if power <= 0.0:
+        return None
+    deviation = float(np.sqrt(power))
+    reach = float(student.ppf(0.975, blocks - 1)) * error / (2.0 * deviation)
+    return deviation, deviation - reach, deviation + reach
+
+
+def noise_power(third: Floats) -> float:
+    """Return the variance of the noise under third differences.
+
+    White noise gives autocovariances 20, -15, 6, -1 times its variance; noise correlated at lag one with r adds
+    r times those shifted to both sides. Both are fitted to lags 0 to 4 by least squares.
+    """
+    lags = np.array([float(np.mean(third[k:] * third[: third.size - k])) for k in range(5)])
+    white = np.array([20.0, -15.0, 6.0, -1.0, 0.0])
+    both = np.array([-30.0, 26.0, -16.0, 6.0, -1.0])
+    fitted = np.linalg.lstsq(np.column_stack([white, both]), lags, rcond=None)[0]
+    return float(max(fitted[0], 0.0))
+
+
+def smoothed(values: Floats, restart: Bools, window: int, order: int) -> Floats:
+    """Return the channel smoothed by local polynomials, gap-free piece by piece, (n,)."""
+    out = values.copy()
+    edges = np.append(np.flatnonzero(restart), values.size)
+    for a, b in pairwise(edges):
+        if b - a > window and np.isfinite(values[a:b]).all():
+            out[a:b] = savgol_filter(values[a:b], window, order)
+    return out

@@ -1,0 +1,246 @@
+"""The time of the force channel against the velocity channel: late, filtered, or ahead."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+
+from friction_estimator.core.sample import Floats
+from friction_estimator.effects.base import REVERSAL, Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.channels import seen_at
+from friction_estimator.effects.columns import Columns
+from friction_estimator.effects.features import Context, Features
+from friction_estimator.effects.grids import beyond_time, times
+from friction_estimator.effects.kernels import RING, force_delay, force_lag
+from friction_estimator.effects.reference import FORCE, Reference
+from friction_estimator.effects.trace import Trace
+
+
+@effect
+class TimeDelay(Effect):
+    """f(t - D)."""
+
+    name = "time_delay"
+    family = "timing"
+    stage = "transmission"
+    acts = REVERSAL
+    delays = True
+    keys = (Key("delay", "s", 1e-3, 0.0, 1.0, "delay of the force behind the velocity"),)
+    size_key = "delay"
+    turns = True
+    linear = False
+    reveals = "since_reversal_s"
+    systematic: ClassVar[Mapping[str, float]] = {"delay": 0.03}
+    words = Words(
+        "the force is late: delay of the channel, or stamps taken on arrival",
+        "a spike after each reversal that lasts as long at every speed of the drive (e ~ df/dt)",
+        {
+            "sensor_lowpass": "a sharp step: a delay shifts it, a filter rounds it",
+            "presliding": "two periods: a delay is the same time, presliding the same distance",
+            "frictional_lag": "speed steps without reversal",
+        },
+    )
+
+    def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:  # noqa: ARG002
+        """Interpolate cubically on the fine grid: a linear one would smear like a filter."""
+        from scipy.interpolate import CubicSpline  # noqa: PLC0415 - only the simulation needs it
+
+        when = np.maximum(trace.time_s - self["delay"], trace.time_s[0])
+        return trace.with_friction(np.asarray(CubicSpline(trace.time_s, trace.friction_N)(when)))
+
+    @classmethod
+    def grid(cls, context: Context) -> list[dict[str, float]]:
+        """Delays from 0.02 samples to a quarter of the shortest period."""
+        return chosen(times(context), "delay")
+
+    @classmethod
+    def columns(cls, params: Params) -> Columns:
+        """Return F(t - D) - F(t)."""
+
+        def compute(f: Features, r: Reference, s: Floats) -> Floats:
+            out = np.empty(f.size)
+            force_delay(
+                f.step_s,
+                f.velocity_m_s,
+                f.pressure_Pa,
+                params["delay"],
+                r.tables[FORCE],
+                r.pressures_Pa,
+                r.bend_m_s,
+                r.reach,
+                s,
+                out,
+            )
+            return out
+
+        return Columns(compute, state=1 + 2 * RING, filtered=True)
+
+    @classmethod
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+        """Neither far below a sample nor a good part of a stroke."""
+        return beyond_time("delay", params["delay"], context)
+
+    signs = (1,)
+    fixed_gain = True
+    refined = ("delay",)
+
+
+@effect
+class SensorLowpass(Effect):
+    """Low-pass filtered force."""
+
+    name = "sensor_lowpass"
+    family = "timing"
+    stage = "transmission"
+    acts = REVERSAL
+    delays = True
+    keys = (
+        Key("time_constant", "s", 1e-3, 0.0, 1.0, "time constant of the first-order filter"),
+        form_key("two equal poles in series, together of the same delay"),
+    )
+    size_key = "time_constant"
+    turns = True
+    linear = False
+    reveals = "since_reversal_s"
+    systematic: ClassVar[Mapping[str, float]] = {"time_constant": 0.3}
+    words = Words(
+        "the force channel is low-pass filtered",
+        "reversals are smeared over the same time at every speed of the drive",
+        {
+            "time_delay": "a sharp step: a filter rounds it, a delay shifts it",
+            "presliding": "two periods: a filter is the same time, presliding the same distance",
+            "squeeze_film": "a second period or stroke",
+        },
+    )
+
+    def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:  # noqa: ARG002
+        """Filter; exact for a force linear between steps."""
+        tau, force = self["time_constant"], trace.friction_N
+        if tau <= 0.0:
+            return trace
+        if self["form"] >= 0.5:
+            half = 0.5 * tau
+            return trace.with_friction(lagged_force(lagged_force(force, trace.step_s, half), trace.step_s, half))
+        return trace.with_friction(lagged_force(force, trace.step_s, tau))
+
+    @classmethod
+    def grid(cls, context: Context) -> list[dict[str, float]]:
+        """Time constants from 0.02 samples to a quarter of the shortest period."""
+        return chosen(times(context), "time_constant")
+
+    @classmethod
+    def columns(cls, params: Params) -> Columns:
+        """Return LP(F) - F."""
+
+        def compute(f: Features, r: Reference, s: Floats) -> Floats:
+            out = np.empty(f.size)
+            force_lag(
+                f.step_s,
+                f.previous_m_s,
+                f.velocity_m_s,
+                f.pressure_Pa,
+                params["time_constant"],
+                r.tables[FORCE],
+                r.pressures_Pa,
+                r.bend_m_s,
+                r.reach,
+                s,
+                out,
+            )
+            return out
+
+        return Columns(compute, state=3, filtered=True)
+
+    @classmethod
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+        """Neither far below a sample nor a good part of a stroke."""
+        return beyond_time("time constant", params["time_constant"], context)
+
+    signs = (1,)
+    fixed_gain = True
+    refined = ("time_constant",)
+
+
+def lagged_force(force: Floats, step_s: float, tau: float) -> Floats:
+    """Return the first-order lag of a force that is linear between its samples, started in equilibrium."""
+    from scipy.signal import lfilter  # noqa: PLC0415 - slow to import, only the simulation needs it
+
+    decay = np.exp(-step_s / tau)
+    mean = tau / step_s * (1.0 - decay)
+    # y[k] = decay y[k-1] + (mean - decay) f[k-1] + (1 - mean) f[k]
+    start = np.array([force[0] - (1.0 - mean) * force[0]])
+    return np.asarray(lfilter([1.0 - mean, mean - decay], [1.0, -decay], force, zi=start)[0])
+
+
+@effect
+class VelocityDelay(Effect):
+    """v(t - D): the force is ahead of the velocity."""
+
+    name = "velocity_delay"
+    family = "timing"
+    stage = "transmission"
+    acts = REVERSAL
+    delays = True
+    keys = (
+        Key("delay", "s", 1e-3, 0.0, 1.0, "delay of the velocity channel behind the force"),
+        form_key("a first-order filter of the velocity instead of a delay"),
+    )
+    size_key = "delay"
+    turns = True
+    linear = False
+    reveals = "since_reversal_s"
+    systematic: ClassVar[Mapping[str, float]] = {"delay": 0.03}
+    words = Words(
+        "the velocity is late: a filter or a delay of its channel, so that the force is ahead of it",
+        "friction changes its sign before the velocity does, by the same time at every speed of the drive",
+        {
+            "breakaway": "two periods: a late channel is the same time, a breakaway force the same distance",
+            "inertia": "a second period: inertia grows with 1/T^2 at every speed, a late velocity shows at reversals",
+        },
+    )
+
+    def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:  # noqa: ARG002
+        """Show an earlier velocity; the position stays."""
+        from scipy.interpolate import CubicSpline  # noqa: PLC0415 - only the simulation needs it
+
+        shown, delay = trace.velocity_measured_m_s, self["delay"]
+        if delay <= 0.0:
+            return trace
+        if self["form"] >= 0.5:
+            return replace(trace, velocity_measured_m_s=lagged_force(shown, trace.step_s, delay))
+        when = np.maximum(trace.time_s - delay, trace.time_s[0])
+        return replace(trace, velocity_measured_m_s=np.asarray(CubicSpline(trace.time_s, shown)(when)))
+
+    def change(self, before: Trace, after: Trace) -> Floats:
+        """Return the error of the friction that belongs to the measured velocity."""
+        return seen_at(after, after.velocity_measured_m_s) - seen_at(before, before.velocity_measured_m_s)
+
+    @classmethod
+    def grid(cls, context: Context) -> list[dict[str, float]]:
+        """Delays from 0.02 samples to a quarter of the shortest period."""
+        return chosen(times(context), "delay")
+
+    @classmethod
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+        """Neither far below a sample nor a good part of a stroke."""
+        return beyond_time("delay", params["delay"], context)
+
+    @classmethod
+    def columns(cls, params: Params) -> Columns:
+        """Return F(v + D a) - F(v): what F(t + D) - F(t) is without looking ahead.
+
+        The velocity is carried on with its acceleration, in the fit as in the live model, so that both give the same
+        numbers; the error is (D w)^2 / 2 of the velocity at the angular frequency w. Noise of the velocity enters with
+        3.6 D / dt of its deviation: a noisy channel is smoothed before.
+        """
+
+        def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
+            ahead = f.velocity_m_s + params["delay"] * f.acceleration_m_s2
+            return r.force(ahead, f.pressure_Pa) - r.force(f.velocity_m_s, f.pressure_Pa)
+
+        return Columns(compute, filtered=True)
+
+    signs = (1,)
+    fixed_gain = True
+    refined = ("delay",)
