@@ -331,3 +331,12 @@ def test_a_ripple_has_a_phase_of_its_own_in_each_recording(features: Features, r
     cls = EFFECTS["position_dependence"]
     params = {"wavelength": 1e-3, "recordings": 3.0}
     assert cls.columns(params)(features, reference).shape == (features.size, 12)
+
+
+@ALL
+def test_a_figure_can_be_drawn_of_each(name: str) -> None:
+    from friction_estimator.report.diagnosis_figures import FIGURES
+
+    cls = EFFECTS[name]
+    assert cls.figure in ("reveals", *FIGURES)
+    assert (cls.figure == "reveals") == (cls.detects_at == "" and cls.counted.__func__ is Effect.counted.__func__)  # type: ignore[attr-defined]

@@ -21,8 +21,7 @@ from friction_estimator.diagnosis.joint import (
 from friction_estimator.diagnosis.library import Hypothesis, build_library
 from friction_estimator.diagnosis.products import inner
 from friction_estimator.diagnosis.record import Record
-from friction_estimator.diagnosis.words import ONE_ORDER
-from friction_estimator.effects.base import EFFECTS
+from friction_estimator.effects.base import EFFECTS, REVERSAL, SLOW
 from friction_estimator.effects.features import Context
 
 LEVEL = 0.01
@@ -32,9 +31,6 @@ MARGIN = 1.15
 
 LEAST_SHARE = 0.0008
 """And this share of the error power."""
-
-WIDE = ("position_dependence", "periodic_disturbance")
-"""Hypotheses with hundreds of grid points have a bootstrap of their own, at half the level."""
 
 EVERYWHERE = 0.7
 """Share of blocks in which a wave in time or position must bring a gain."""
@@ -137,7 +133,7 @@ def screen(evidence: Evidence, library: Sequence[Hypothesis]) -> list[Screened]:
         best = int(np.argmax([f.gain for f in fits]))
         gain = gains[name]
         # What is there at every speed and time shows in nearly every block; leakage of the drive does not.
-        everywhere = name not in WIDE or float(np.mean(gain > 0.0)) >= EVERYWHERE
+        everywhere = not EFFECTS[name].many or float(np.mean(gain > 0.0)) >= EVERYWHERE
         out.append(
             Screened(name, items[best].params, float(gain.sum()) if everywhere else 0.0, items[best], fits[best])
         )
@@ -163,7 +159,7 @@ def gate(
     groups: dict[bool, tuple[list[tuple[Floats, Floats]], list[Rule]]] = {False: ([], []), True: ([], [])}
     for item in library:
         xe = calm.moments_of(item.columns, item.moments)
-        projections, rules = groups[item.name in WIDE]
+        projections, rules = groups[item.effect.many]
         projections.append(calm.projected(xe))
         rules.append(item.rule)
     return (
@@ -199,8 +195,8 @@ def search(
         model = models[-1]
         evidence = model.evidence(record, seed)
         out = {t.name for t in model.terms} | set(asked) | set(known)
-        if "pressure_dependence" in out and pressure_order(record):
-            out |= set(ONE_ORDER)
+        if any(EFFECTS[n].recorded for n in out) and pressure_order(record):
+            out |= {n for n, cls in EFFECTS.items() if cls.acts == SLOW}
         families = {t.effect.family for t in model.terms}
         out |= {n for n, cls in EFFECTS.items() if cls.family in families}
         progress(f"screening for cause {len(causes) + 1}", 0.15 + 0.2 * len(causes))
@@ -209,7 +205,7 @@ def search(
         null, wide = gate(record, model, library, screened, seed)
         thresholds = tuple(float(np.quantile(n, 1.0 - LEVEL / 2.0)) * MARGIN for n in (null, wide))  # type: ignore[assignment]
         least = LEAST_SHARE * float(evidence.ee.sum()) + coarse_N2 * evidence.samples
-        passing = [s for s in screened if s.gain > max(thresholds[s.name in WIDE], least)]
+        passing = [s for s in screened if s.gain > max(thresholds[EFFECTS[s.name].many], least)]
         finer = _capacity_gains(record, model, evidence, capacity) if not causes and len(warnings) < 2 else {}
         wider = max(finer, key=lambda k: finer[k], default=None)
         lack = finer[wider] if wider is not None else 0.0
@@ -225,13 +221,13 @@ def search(
             models = [fit_joint(record, config, context, start=base, capacity=capacity)]
             losses = [cross_validated_loss(models[0], record, seed)]
             continue
-        if found is None or not _enough(found[0], found[4], causes, max(thresholds[found[0] in WIDE], least)):
+        if found is None or not _enough(found[0], found[4], causes, max(thresholds[EFFECTS[found[0]].many], least)):
             break
         winner, joint, loss, rivals, gain = found
         if EFFECTS[winner].channel and EFFECTS[winner].channel not in context.channels:
             asked.append(winner)
             continue
-        pool = wide if winner in WIDE else null
+        pool = wide if EFFECTS[winner].many else null
         p_value = min(1.0, 2.0 * float(1 + np.sum(pool >= gain)) / (FLIPS + 1))
         causes.append(Cause(winner, p_value, gain, rivals))
         models.append(joint)
@@ -243,7 +239,7 @@ def search(
 
 def _enough(name: str, gain: float, causes: Sequence[Cause], least_N2: float) -> bool:
     """Return whether a cause brings enough, by itself and beside what the first one brought."""
-    alike = name in NEAR_REVERSAL and any(c.name in NEAR_REVERSAL for c in causes)
+    alike = EFFECTS[name].acts == REVERSAL and any(EFFECTS[c.name].acts == REVERSAL for c in causes)
     share = ALIKE_SHARE if alike else SECOND_SHARE
     return gain >= least_N2 and not (causes and gain < share * causes[0].gain)
 
@@ -263,7 +259,7 @@ def compare(
     top = [s for s in passing[:CANDIDATES] if s.gain > CONTENDER * passing[0].gain]
     known = {s.name for s in top}
     # What shows at reversals is badly screened while the base model has bent towards it.
-    top += [s for s in passing if s.name in NEAR_REVERSAL and s.name not in known][:2]
+    top += [s for s in passing if EFFECTS[s.name].acts == REVERSAL and s.name not in known][:2]
     fits: dict[str, tuple[Joint, Floats]] = {}
     for item in top:
         terms = [*model.terms, Term(EFFECTS[item.name], dict(item.params))]
@@ -291,10 +287,10 @@ def compare(
     winner = _plainer(winner, gains, fits, sample_power(loss, record))
     # A recorded pressure that changed is preferred to an unrecorded cause that would have had to change with it, where
     # the order of pressures cannot separate the two (decision 0021).
-    measured = gains.get("pressure_dependence", 0.0)
-    preferred = measured > MEASURED_SHARE * gains[winner] and _enough("pressure_dependence", measured, causes, 0.0)
-    if winner in ONE_ORDER and preferred and pressure_order(record):
-        winner = "pressure_dependence"
+    measured = max((n for n in gains if EFFECTS[n].recorded), key=lambda n: gains[n], default=winner)
+    preferred = gains[measured] > MEASURED_SHARE * gains[winner] and _enough(measured, gains[measured], causes, 0.0)
+    if EFFECTS[winner].acts == SLOW and preferred and pressure_order(record):
+        winner = measured
     joint, lowest = fits[winner]
     for params in EFFECTS[winner].variants(joint.terms[-1].params):
         terms = [*model.terms, Term(EFFECTS[winner], params)]
@@ -313,17 +309,6 @@ def compare(
         if behind.sum() < SET_ERRORS * error or gains[winner] - gains[name] < SET_SHARE * gains[winner]:
             rivals.append(name)
     return winner, joint, lowest, tuple(rivals), gains[winner]
-
-
-NEAR_REVERSAL = (
-    "time_delay",
-    "sensor_lowpass",
-    "frictional_lag",
-    "presliding",
-    "backlash",
-    "squeeze_film",
-    "breakaway",
-)
 
 
 def _signs_kept(joint: Joint) -> bool:

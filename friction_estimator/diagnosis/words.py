@@ -4,7 +4,7 @@ import numpy as np
 
 from friction_estimator.diagnosis.excitation import pressure_order
 from friction_estimator.diagnosis.record import Record
-from friction_estimator.effects.base import EFFECTS
+from friction_estimator.effects.base import EFFECTS, SLOW
 from friction_estimator.effects.features import Context
 
 ONE_SINE: tuple[frozenset[str], ...] = tuple(
@@ -21,9 +21,6 @@ ONE_SINE: tuple[frozenset[str], ...] = tuple(
     )
 )
 """Pairs that one sine at one pressure cannot tell apart in principle, whatever the likelihoods say."""
-
-ONE_ORDER = ("gain_step", "wear", "viscosity_drift", "sensor_drift", "bias_step")
-"""What a pressure that only changes in one order cannot be told from."""
 
 
 def one_sine(record: Record, context: Context) -> bool:
@@ -44,10 +41,11 @@ def structural_rivals(name: str, record: Record, context: Context) -> list[str]:
         for pair in ONE_SINE:
             if name in pair:
                 out += sorted(pair - {name})
-    if name == "pressure_dependence" and pressure_order(record):
-        out += list(ONE_ORDER)
-    if name in ONE_ORDER and pressure_order(record):
-        out.append("pressure_dependence")
+    # A recorded cause that only changes in one order cannot be told from what changes with time.
+    if EFFECTS[name].recorded and pressure_order(record):
+        out += [n for n, cls in EFFECTS.items() if cls.acts == SLOW]
+    if EFFECTS[name].acts == SLOW and pressure_order(record):
+        out += [n for n, cls in EFFECTS.items() if cls.recorded]
     return out
 
 

@@ -178,7 +178,7 @@ class Quantization(Effect):
     stage = "sensor"
     scatters = True
     detects_at = "force"
-    figure = "histogram"
+    figure = "lattice"
     keys = (
         Key("step", "N", 0.05, 1e-12, 1e6, "distance of neighbouring values"),
         form_key("truncation towards minus infinity instead of rounding"),

@@ -1,6 +1,7 @@
 """Figures of a diagnosis: for each effect the residual against the variable that reveals it, before and after."""
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from matplotlib.figure import Figure
 from friction_estimator.core.sample import Bools, Floats
 from friction_estimator.diagnosis.diagnose import Diagnosis, Found
 from friction_estimator.effects.base import EFFECTS
+from friction_estimator.effects.grids import first_distance_m
 from friction_estimator.report import style
 
 SHOWN = 5000
@@ -31,10 +33,12 @@ AXES: dict[str, tuple[str, float]] = {
 }
 """Variable -> axis label and the factor to its unit."""
 
-STAMPS = ("clock_jump", "duplicate_stamps", "stamp_offset")
-
 NEAR = {"since_reversal_m": 12.0, "since_reversal_s": 12.0}
 """After a reversal only this many times the effect's own length or time is shown."""
+
+
+FEWEST_SHOWN = 8.0
+"""But at least this many sample periods, or as many times the distance moved in the first."""
 
 
 def write_diagnosis_figures(result: Diagnosis, folder: str | os.PathLike[str]) -> dict[str, Path]:
@@ -90,34 +94,38 @@ def _reach(name: str, found: Found, result: Diagnosis) -> float:
     if name not in NEAR:
         return float("inf")
     sizes = [found.parameters[k].value for k in ("length", "gap", "delay", "time_constant") if k in found.parameters]
-    usual = 4e-5 if name == "since_reversal_m" else 20.0 * result.context.step_s
-    floor = 4.0 * result.context.step_s if name == "since_reversal_s" else 2e-5
-    return max(NEAR[name] * (sizes[0] if sizes else usual), floor * 2.0)
+    by_time = name == "since_reversal_s"
+    one = result.context.step_s if by_time else first_distance_m(result.context)
+    return max(NEAR[name] * (sizes[0] if sizes else 4.0 * one), FEWEST_SHOWN * one)
 
 
 def _fault(result: Diagnosis, found: Found) -> Figure:
     """Show a fault of the data where one sees it."""
-    draw = {"quantization": _histogram, "saturation": _histogram, "stick_slip": _scatter_after_reversal}
     figure = Figure(figsize=(10, 4.2))
-    draw.get(found.name, _in_time)(figure, result, found)
+    FIGURES[EFFECTS[found.name].figure](figure, result, found)
     return figure
 
 
-def _histogram(figure: Figure, result: Diagnosis, found: Found) -> None:
-    axes = figure.subplots(1, 2)
+def _lattice(figure: Figure, result: Diagnosis, found: Found) -> None:
+    """The values about the median, and an excerpt at the largest."""
+    step = found.parameters["step"].value
     force = result.raw.friction_N
-    if found.name == "quantization":
-        step = found.parameters["step"].value
-        middle = float(np.median(force))
-        near = force[np.abs(force - middle) < 12 * step]
-        axes[0].hist(near, bins=240, color=style.MEASURED)
-        title = f"values lie {step:.3g} N apart"
-    else:
-        level = found.parameters["level"].value
-        axes[0].hist(force[np.abs(force) > 0.8 * level], bins=160, color=style.MEASURED)
-        title = f"values pile up at {level:.4g} N"
+    near = force[np.abs(force - float(np.median(force))) < 12 * step]
+    _histogram_of(figure, result, near, 240, f"values lie {step:.3g} N apart")
+
+
+def _histogram(figure: Figure, result: Diagnosis, found: Found) -> None:
+    """The values near a level at which they pile up, and an excerpt at the largest."""
+    level = found.parameters["level"].value
+    force = result.raw.friction_N
+    _histogram_of(figure, result, force[np.abs(force) > 0.8 * level], 160, f"values pile up at {level:.4g} N")
+
+
+def _histogram_of(figure: Figure, result: Diagnosis, values: Floats, bins: int, title: str) -> None:
+    axes = figure.subplots(1, 2)
+    axes[0].hist(values, bins=bins, color=style.MEASURED)
     axes[0].set(title=title, xlabel="measured force (N)", ylabel="samples")
-    _excerpt(axes[1], result, int(np.argmax(np.abs(force))))
+    _excerpt(axes[1], result, int(np.argmax(np.abs(result.raw.friction_N))))
 
 
 def _scatter_after_reversal(figure: Figure, result: Diagnosis, found: Found) -> None:
@@ -142,38 +150,75 @@ def _scatter_after_reversal(figure: Figure, result: Diagnosis, found: Found) -> 
     axes[1].legend()
 
 
-def _in_time(figure: Figure, result: Diagnosis, found: Found) -> None:
+def _velocity(figure: Figure, result: Diagnosis, found: Found) -> None:  # noqa: ARG001
+    """Reported velocity and the derivative of the position, in time and one against the other."""
+    axes = figure.subplots(1, 2)
+    time, reported = result.raw.features.time_s, result.raw.features.velocity_m_s
+    position = np.gradient(result.raw.features.position_m, time)
+    axes[0].plot(time, reported * 1e3, color=style.MEASURED, label="reported velocity")
+    axes[0].plot(time, position * 1e3, color=style.PREDICTED, lw=0.8, label="derivative of position")
+    axes[0].set(title="velocity", xlabel="time (s)", ylabel="velocity (mm/s)", xlim=(time[0], time[0] + 10))
+    axes[0].legend(fontsize=8, loc="upper right")
+    axes[1].plot(position * 1e3, reported * 1e3, ".", ms=1, color=style.MEASURED)
+    axes[1].set(
+        title="one against the other", xlabel="derivative of position (mm/s)", ylabel="reported velocity (mm/s)"
+    )
+
+
+def _stamps(figure: Figure, result: Diagnosis, found: Found) -> None:
+    """Steps between stamps, and the position about the place where they jump."""
+    axes = figure.subplots(1, 2)
+    time, position = result.raw.features.time_s, result.raw.features.position_m
+    axes[0].plot(time[1:], np.diff(time) * 1e3, ".", ms=2, color=style.MEASURED)
+    axes[0].set(title="steps between stamps", xlabel="time (s)", ylabel="step (ms)")
+    at = found.parameters["at"].value if "at" in found.parameters else float(time[time.size // 2])
+    middle = int(np.searchsorted(time, at))
+    part = slice(max(0, middle - 40), middle + 40)
+    axes[1].plot(time[part], position[part] * 1e3, ".-", ms=4, color=style.MEASURED)
+    axes[1].set(title="position about the jump" if "at" in found.parameters else "an excerpt", xlabel="time (s)")
+    axes[1].set(ylabel="position (mm)")
+
+
+def _position(figure: Figure, result: Diagnosis, found: Found) -> None:  # noqa: ARG001
+    """The position as it was recorded and as it is used."""
+    axes = figure.subplots()
+    time, used = result.raw.features.time_s, result.record.features.position_m
+    shift = result.record.samples.position_shift_m
+    shown = result.raw.features.position_m if shift is None else used - shift
+    axes.plot(time, shown * 1e3, color=style.MEASURED, label="recorded")
+    axes.plot(time, used * 1e3, color=style.PREDICTED, lw=0.8, label="unwrapped")
+    axes.set(title="position", xlabel="time (s)", ylabel="position (mm)")
+    axes.legend(fontsize=8, loc="upper right")
+
+
+def _smoothed_velocity(figure: Figure, result: Diagnosis, found: Found) -> None:  # noqa: ARG001
+    """What was smoothed off the velocity, and an excerpt."""
+    before, after = result.raw.features.velocity_m_s, result.record.features.velocity_m_s
+    _smoothed(figure, result, before * 1e3, after * 1e3, "velocity (mm/s)")
+
+
+def _smoothed_pressure(figure: Figure, result: Diagnosis, found: Found) -> None:  # noqa: ARG001
+    """What was smoothed off the pressure, and an excerpt."""
+    before, after = result.raw.features.pressure_Pa, result.record.features.pressure_Pa
+    _smoothed(figure, result, before * 1e-5, after * 1e-5, "gauge pressure (bar)")
+
+
+def _smoothed(figure: Figure, result: Diagnosis, before: Floats, after: Floats, label: str) -> None:
+    axes = figure.subplots(1, 2)
+    axes[0].hist(before - after, bins=120, color=style.MEASURED)
+    axes[0].set(title="measured minus smoothed", xlabel=label, ylabel="samples")
+    time, middle = result.raw.features.time_s, before.size // 2
+    part = slice(max(0, middle - 60), middle + 60)
+    axes[1].plot(time[part], before[part], ".-", ms=3, color=style.MEASURED, label="measured")
+    axes[1].plot(time[part], after[part], color=style.PREDICTED, label="smoothed")
+    axes[1].set(title="an excerpt", xlabel="time (s)", ylabel=label)
+    axes[1].legend(fontsize=8)
+
+
+def _masked(figure: Figure, result: Diagnosis, found: Found) -> None:
+    """The residual in time with the masked samples marked, and an excerpt about the first of them."""
     axes = figure.subplots(1, 2)
     raw, record = result.raw, result.record
-    if found.name == "velocity_noise":
-        change = raw.features.velocity_m_s - record.features.velocity_m_s
-        axes[0].hist(change * 1e3, bins=120, color=style.MEASURED)
-        axes[0].set(title="measured minus smoothed velocity", xlabel="difference (mm/s)", ylabel="samples")
-        _excerpt(axes[1], result, len(change) // 2, velocity=True)
-        return
-    if found.name == "velocity_mismatch":
-        time = raw.features.time_s
-        axes[0].plot(time, raw.features.velocity_m_s * 1e3, color=style.MEASURED, label="reported velocity")
-        position = np.gradient(raw.features.position_m, time)
-        axes[0].plot(time, position * 1e3, color=style.PREDICTED, lw=0.8, label="derivative of position")
-        axes[0].set(title="velocity", xlabel="time (s)", ylabel="velocity (mm/s)", xlim=(time[0], time[0] + 10))
-        axes[0].legend(fontsize=8, loc="upper right")
-        axes[1].plot(position * 1e3, raw.features.velocity_m_s * 1e3, ".", ms=1, color=style.MEASURED)
-        axes[1].set(
-            title="one against the other", xlabel="derivative of position (mm/s)", ylabel="reported velocity (mm/s)"
-        )
-        return
-    if found.name in STAMPS:
-        time = raw.features.time_s
-        axes[0].plot(time[1:], np.diff(time) * 1e3, ".", ms=2, color=style.MEASURED)
-        axes[0].set(title="steps between stamps", xlabel="time (s)", ylabel="step (ms)")
-        at = found.parameters["at"].value if "at" in found.parameters else float(time[time.size // 2])
-        middle = int(np.searchsorted(time, at))
-        part = slice(max(0, middle - 40), middle + 40)
-        axes[1].plot(time[part], raw.features.position_m[part] * 1e3, ".-", ms=4, color=style.MEASURED)
-        axes[1].set(title="position about the jump" if "at" in found.parameters else "an excerpt", xlabel="time (s)")
-        axes[1].set(ylabel="position (mm)")
-        return
     masked = raw.used & ~record.used
     residual = result.models[-1].residual_N
     time = raw.features.time_s
@@ -186,28 +231,28 @@ def _in_time(figure: Figure, result: Diagnosis, found: Found) -> None:
     _excerpt(axes[1], result, where)
 
 
-def _excerpt(axes: Axes, result: Diagnosis, middle: int, velocity: bool = False) -> None:
-    """Draw a short piece of the measured force (or velocity) about a sample."""
-    features = result.raw.features
+FIGURES: dict[str, Callable[[Figure, Diagnosis, Found], None]] = {
+    "lattice": _lattice,
+    "histogram": _histogram,
+    "scatter": _scatter_after_reversal,
+    "time": _masked,
+    "stamps": _stamps,
+    "velocity": _velocity,
+    "wraps": _position,
+    "smoothed velocity": _smoothed_velocity,
+    "smoothed pressure": _smoothed_pressure,
+}
+"""`Effect.figure` -> what draws it for a fault of the data; "reveals", the residual over a variable, is `_modelled`."""
+
+
+def _excerpt(axes: Axes, result: Diagnosis, middle: int) -> None:
+    """Draw a short piece of the measured force about a sample."""
+    time, force = result.raw.features.time_s, result.raw.friction_N
     part = slice(max(0, middle - 60), middle + 60)
-    if velocity:
-        axes.plot(
-            features.time_s[part], features.velocity_m_s[part] * 1e3, ".-", ms=3, color=style.MEASURED, label="measured"
-        )
-        axes.plot(
-            result.record.features.time_s[part],
-            result.record.features.velocity_m_s[part] * 1e3,
-            color=style.PREDICTED,
-            label="smoothed",
-        )
-        axes.set(title="an excerpt", xlabel="time (s)", ylabel="velocity (mm/s)")
-    else:
-        model = result.models[-1]
-        force = result.raw.friction_N
-        axes.plot(features.time_s[part], force[part], ".-", ms=4, color=style.MEASURED, label="measured")
-        predicted = result.record.friction_N - model.residual_N
-        axes.plot(features.time_s[part], predicted[part], color=style.PREDICTED, label="model")
-        axes.set(title="an excerpt", xlabel="time (s)", ylabel="force (N)")
+    axes.plot(time[part], force[part], ".-", ms=4, color=style.MEASURED, label="measured")
+    predicted = result.record.friction_N - result.models[-1].residual_N
+    axes.plot(time[part], predicted[part], color=style.PREDICTED, label="model")
+    axes.set(title="an excerpt", xlabel="time (s)", ylabel="force (N)")
     axes.legend(fontsize=8)
 
 
