@@ -31,6 +31,9 @@ PHYSICAL = {
 }
 """Quantities that every form of the effect has."""
 
+OWN_FORM_ONLY = ("velocity_delay",)
+"""Of these, the other form is a filter, whose time constant is no delay."""
+
 HATS = 24
 PRESSURE_NODES = 5
 EVALUATIONS = 40
@@ -44,7 +47,10 @@ Range = float | list[float]
 def expected(effect: Effect, made: Made, index: int, plant: str) -> dict[str, Range]:
     """Return the quantities of one hidden effect as its regressor names them, in SI units."""
     cls = type(effect)
-    physical = {name: effect.values[name] for name in PHYSICAL.get(effect.name, ())}
+    own = (
+        () if effect.name in OWN_FORM_ONLY and effect.values.get("form", 0.0) >= 0.5 else PHYSICAL.get(effect.name, ())
+    )
+    physical = {name: effect.values[name] for name in own}
     if cls.columns.__func__ is Effect.columns.__func__:
         return {} if effect.values.get("form", 0.0) >= 0.5 else dict(effect.values)
     return best_fit(effect, made, index, plant) | physical
@@ -64,7 +70,9 @@ def best_fit(effect: Effect, made: Made, index: int, plant: str) -> dict[str, Ra
     coefficients, *_ = np.linalg.lstsq(z, clean, rcond=None)
     reference = _reference(made, features, float(coefficients[0]), context, plant)
     q, _ = np.linalg.qr(z)
-    target = change - q @ (q.T @ change)
+    # An effect on another channel changes what belongs to that channel: the force is then short of it.
+    target = change if cls.change is Effect.change else -change
+    target = target - q @ (q.T @ target)
 
     def fitted(params: dict[str, float]) -> tuple[float, np.ndarray]:
         columns = cls.columns(params)(features, reference)
