@@ -107,6 +107,15 @@ def stands(state, velocity, begins, scale):  # type: ignore[no-untyped-def] # pr
 
 
 @njit(cache=True)
+def stopping(state, velocity, scale):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return whether a rest may have begun, after `stands` of this sample: no speed for a second sample in a row.
+
+    The first is learned from all the same: at a fast passage the force at zero tells the memory of the contact.
+    """
+    return state[RUN] >= 2.0 and abs(velocity) <= REST_SHARE * scale
+
+
+@njit(cache=True)
 def _marked(velocity, restart, scale, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Fill `out` with whether the shaft stands; a rest that is known late is marked from its first sample."""
     for k in range(velocity.size):

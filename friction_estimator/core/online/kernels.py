@@ -10,7 +10,7 @@ from numba import njit
 
 from friction_estimator.core.fit.band import EXTRAPOLATION, note_error, usual_variance
 from friction_estimator.core.fit.posterior import COLOUR
-from friction_estimator.core.intake.standstill import REST_SHARE, stands
+from friction_estimator.core.intake.standstill import stands, stopping
 from friction_estimator.core.model.prediction import TAPS, WEIGHTS, push, regress
 from friction_estimator.core.model.structure import LARGEST_PARAMETER
 from friction_estimator.core.online import workspace as at
@@ -383,11 +383,9 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
                 return k + 1
             continue
         status[at.BEYOND] = 0
-        slow = law_number != LMS and abs(velocity[k]) <= REST_SHARE * scale
-        if learn[k] and (standing or slow):
+        if learn[k] and (standing or (law_number != LMS and stopping(rest, velocity[k], scale))):
             # Below breakaway friction is whatever holds the shaft: the band may know how much that is, the curve not.
-            # The first samples of a rest, before it is known, are told by their speed alone: a passage has few of them
-            # (lms, the paper's to the letter, learns from those).
+            # lms, the paper's to the letter, learns until the rest is known.
             status[at.STOOD] += standing
             status[at.FOLLOWS] = 0
             if r < KNOWN_LEVERAGE:
