@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from friction_estimator.core.intake.encoder import Encoder, Wraps, wraps_undone
+from friction_estimator.core.intake.encoder import Encoder, wraps_undone
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import Effect, Key, Words, effect, form_key
 from friction_estimator.effects.detection import COMPLETELY, DIVIDED, SMOOTHED, DataView, Fault
@@ -22,6 +22,12 @@ CYCLE_SHARE = 0.05
 
 WITHOUT_PERIOD_S = 0.1
 FEWEST_SPANS = 20
+
+WITHIN = 1e-3
+"""Relative: how well the jumps tell the span of an encoder."""
+
+BELIEVED = 0.25
+"""Of the span: by so much the shaft may have moved between two samples for the velocity to tell how far."""
 
 NOISE_SHARE = 0.3
 """Of the rms velocity: a channel that scatters by more shows no velocity, and is no noisy one."""
@@ -62,28 +68,43 @@ class WrappedPosition(Effect):
 
     @classmethod
     def detect(cls, view: DataView) -> Fault | None:
-        """Take over what the intake has unwrapped; unwrap what came another way."""
-        done = wraps_undone(view.samples)
-        if done.count:
-            return cls._fault(done)
-        position = view.samples.position_m
+        """Take the span from what the intake has unwrapped, or from the jumps; with it every turn is known.
+
+        The intake sees no future: it learns the span from the first jumps, and so may have passed over them.
+        """
+        position, shift = view.samples.position_m, view.samples.position_shift_m
         if position is None:
             return None
-        encoder, unwrapped = Encoder(), position.copy()
-        encoder.push(view.samples.stamp_ns, view.samples.velocity_m_s, view.restart, unwrapped)
-        if not encoder.wraps.count:
+        wraps, shown = wraps_undone(view.samples), position if shift is None else position - np.nan_to_num(shift)
+        if not wraps.count:
+            encoder = Encoder()
+            encoder.push(view.samples.stamp_ns, view.samples.velocity_m_s, view.restart, shown.copy())
+            wraps = encoder.wraps
+        if not wraps.count:
             return None
-        return replace(cls._fault(encoder.wraps), position_m=unwrapped)
-
-    @classmethod
-    def _fault(cls, wraps: Wraps) -> Fault:
         span = wraps.modulus_m
         return Fault(
             cls.name,
-            f"the position jumped {wraps.count} times by {span:.4g} m while the shaft moved on",
-            {"modulus": (span, "m", span * (1.0 - 1e-3), span * (1.0 + 1e-3))},
+            f"the position jumped by {span:.4g} m while the shaft moved on",
+            {"modulus": (span, "m", span * (1.0 - WITHIN), span * (1.0 + WITHIN))},
             COMPLETELY,
+            position_m=_unwrapped(shown, view, span),
         )
+
+
+def _unwrapped(shown: Floats, view: DataView, span: float) -> Floats:
+    """Return the position with the turns of an encoder of known span added, (n,); recordings keep their origins."""
+    out = shown.copy()
+    f = view.features
+    travelled = np.cumsum(0.5 * (f.previous_m_s + f.velocity_m_s) * f.step_s)
+    for number in np.unique(view.recording):
+        mine = np.flatnonzero((view.recording == number) & np.isfinite(shown))
+        expected = np.diff(travelled[mine])
+        # Over a gap the shaft may have gone anywhere: the nearest turn is taken.
+        expected = np.where(np.abs(expected) < BELIEVED * span, expected, 0.0)
+        turns = np.round((np.diff(shown[mine]) - expected) / span)
+        out[mine[1:]] -= span * np.cumsum(turns)
+    return out
 
 
 @effect

@@ -268,6 +268,8 @@ class StickSlip(Effect):
     size_key = "amplitude"
     reveals = "since_reversal_s"
     turns = True
+    # A saw-tooth has 0.82 of the rms of a sine of the same amplitude, and only the rms is measured.
+    systematic: ClassVar[Mapping[str, float]] = {"amplitude": 0.2}
     words = Words(
         "stick-slip: the seal chatters after reversals, differently each time",
         "residual variance is high at low speed after reversals and not repeatable from cycle to cycle",
@@ -303,11 +305,12 @@ class StickSlip(Effect):
         if not named or burst.power_N2 < LEAST_SHARE * noise:
             return None
         a, d = burst.amplitude_N, burst.decay_s
+        reach = float(np.hypot(burst.amplitude_reach_N, cls.systematic["amplitude"] * a))
         return Fault(
             cls.name,
             "the residual varies from cycle to cycle, most after reversals",
             {
-                "amplitude": (a, "N", a - burst.amplitude_reach_N, a + burst.amplitude_reach_N),
+                "amplitude": (a, "N", a - reach, a + reach),
                 "decay": (d, "s", d - burst.decay_reach_s, d + burst.decay_reach_s),
             },
             NOT_REPAIRED,

@@ -21,6 +21,9 @@ SMOOTHING = 9
 
 FEWEST_DIFFERENCES = 100
 
+SHORTENED = 0.02
+"""Relative: what shortening the largest differences takes off the deviation of coloured noise."""
+
 AT_REST = 0.01
 """Share of the top speed below which the shaft may be standing."""
 
@@ -108,7 +111,7 @@ def noise_under(values: Floats, restart: Bools, blocks: int = 12) -> tuple[float
     if power <= 0.0:
         return None
     deviation = float(np.sqrt(power))
-    reach = float(student.ppf(0.975, blocks - 1)) * error / (2.0 * deviation)
+    reach = float(np.hypot(student.ppf(0.975, blocks - 1) * error / (2.0 * deviation), SHORTENED * deviation))
     return deviation, deviation - reach, deviation + reach
 
 

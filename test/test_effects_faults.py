@@ -1,0 +1,248 @@
+"""Faults of the data are found by their own effect, with their true size; sound data have none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from friction_estimator.core.sample import NS_PER_S, Samples
+from friction_estimator.core.settings.config import Config
+from friction_estimator.diagnosis.floor import pairs
+from friction_estimator.diagnosis.joint import fit_joint
+from friction_estimator.diagnosis.record import build_record
+from friction_estimator.diagnosis.repair import repaired, view_of, with_repair
+from friction_estimator.effects import EFFECTS, parse_effect
+from friction_estimator.effects.base import Effect
+from friction_estimator.effects.detection import DataView, Fault
+from friction_estimator.effects.scatter import lattice_step, noise_under
+from friction_estimator.rig.drive import Segment, segment
+from friction_estimator.rig.simulate import Scenario, Simulation, simulate
+
+ABBA = tuple(segment(t, psi, s) for psi in (50.0, 200.0, 200.0, 50.0) for t, s in ((1.0, 6.0), (5.0, 10.0)))
+SHORT = (segment(1.0, 50.0, 8.0), segment(3.0, 50.0, 12.0))
+
+
+def run(
+    *effects: str, seed: int = 3, noise: float = 0.01, segments: tuple[Segment, ...] = ABBA, rate_hz: float = 200.0
+) -> Simulation:
+    hidden = tuple(parse_effect(e) for e in effects)
+    return simulate(Scenario(segments, plant="clean", rate_hz=rate_hz, noise=noise, seed=seed, effects=hidden))
+
+
+def view(samples: Samples) -> DataView:
+    record = build_record([samples], Config())
+    return view_of(record, record.context(Config(), float(np.abs(record.friction_N).max())), [])
+
+
+def found(samples: Samples) -> list[Fault]:
+    record = build_record([samples], Config())
+    return repaired(record, Config(), record.context(Config(), float(np.abs(record.friction_N).max())))[2]
+
+
+def scatter(samples: Samples) -> Fault | None:
+    """What stick-slip's test says of what the base model leaves."""
+    record = build_record([samples], Config())
+    context = record.context(Config(), float(np.abs(record.friction_N).max()))
+    left = fit_joint(record, Config(), context).residual_N
+    return EFFECTS["stick_slip"].detect(replace(view_of(record, context, []), residual_N=left, pairs=pairs(record)))
+
+
+HIDDEN = [
+    "wrapped_position:modulus=0.03",
+    "wrapped_position:modulus=0.0117,zero=0.004",
+    "velocity_mismatch:gain=0.031",
+    "velocity_mismatch:gain=-0.43",
+    "velocity_mismatch:gain=1",
+    "clock_jump:jump=0.37,at=31",
+    "quantization:size=0.03",
+    "quantization:size=0.03,form=1",
+    "saturation:size=0.03",
+    "dropout:size=0.03",
+    "dropout:size=0.02,length=7,form=1",
+    "outliers:size=0.03",
+    "outliers:size=0.03,form=1",
+    "velocity_noise:size=0.04",
+    "velocity_noise:size=0.03,form=1",
+    "pressure_noise:size=0.04",
+    "pressure_noise:size=0.03,form=1",
+]
+
+
+@pytest.mark.parametrize("hidden", HIDDEN)
+def test_a_fault_is_found_with_its_size(hidden: str) -> None:
+    made = run(hidden)
+    (fault,) = found(made.samples)
+    assert fault.name == hidden.split(":", maxsplit=1)[0]
+    truth = made.effects[0].values
+    for name, (value, _, low, high) in fault.parameters.items():
+        assert low <= value <= high
+        if name != "at" and (fault.name, truth.get("form")) != ("outliers", 1.0):
+            assert low - 0.03 * abs(value) <= truth[name] <= high + 0.03 * abs(value), name
+
+
+def test_only_a_test_gives_a_p_value() -> None:
+    """Outliers by the binomial tail; the others are measured, not tested."""
+    for hidden in ("quantization:size=0.03", "dropout:size=0.03", "velocity_noise:size=0.04"):
+        assert found(run(hidden).samples)[0].p_value is None
+    p_value = found(run("outliers:size=0.03").samples)[0].p_value
+    assert p_value is not None
+    assert 0.0 < p_value < 1e-4
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01, 0.03])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_sound_data_have_no_fault(noise: float, seed: int) -> None:
+    assert found(run(noise=noise, seed=seed).samples) == []
+
+
+# Wrapped encoders
+
+
+def test_a_wrapped_position_is_repaired_completely() -> None:
+    made = run("wrapped_position:modulus=0.0117")
+    clean = run().samples.position_m
+    record = build_record([made.samples], Config())
+    fault = EFFECTS["wrapped_position"].detect(view(made.samples))
+    assert fault is not None
+    assert fault.repaired == "completely"
+    whole = with_repair(record, Config(), fault).features.position_m
+    assert clean is not None
+    np.testing.assert_allclose(whole - whole[0], clean - clean[0], atol=1e-4 * 0.0117)
+
+
+@pytest.mark.parametrize("jump_m", [0.03, -0.5, 12.5])
+def test_a_jump_of_the_encoder_is_no_mismatch_of_the_velocity(jump_m: float) -> None:
+    samples = run().samples
+    position = np.array(samples.position_m)
+    position[position.size // 3 :] += jump_m
+    position[position.size // 2 :] -= 2.0 * jump_m
+    assert EFFECTS["velocity_mismatch"].detect(view(replace(samples, position_m=position))) is None
+
+
+# Stamps
+
+
+@pytest.mark.parametrize("pause_s", [1.0, 5.0, 30.0])
+def test_a_recorder_that_was_off_for_whole_periods_is_no_jump_of_the_clock(pause_s: float) -> None:
+    samples = run().samples
+    fast = np.flatnonzero(np.abs(samples.velocity_m_s) > 0.9 * np.abs(samples.velocity_m_s).max())
+    stamps = samples.stamp_ns.copy()
+    stamps[fast[fast.size // 3] :] += round(pause_s * NS_PER_S)
+    assert EFFECTS["clock_jump"].detect(view(replace(samples, stamp_ns=stamps))) is None
+
+
+@pytest.mark.parametrize("pause_s", [0.37, 7.3, 30.0])
+def test_a_pause_at_rest_or_with_the_motion_going_on_is_no_jump_of_the_clock(pause_s: float) -> None:
+    samples = run().samples
+    speed = np.abs(samples.velocity_m_s)
+    lost = round(pause_s * 200.0)
+    start = int(np.flatnonzero(speed > 0.9 * speed.max())[400])
+    going_on = np.concatenate([np.arange(start), np.arange(start + lost, len(samples))])
+    parts = [samples[:start], samples[start + lost :]]
+    joined = replace(
+        samples,
+        **{
+            name: np.concatenate([getattr(part, name) for part in parts])
+            for name in ("stamp_ns", "velocity_m_s", "friction_N", "restart", "pressure_Pa", "position_m")
+        },
+        temperature_degC=None,
+    )
+    assert going_on.size == len(joined)
+    assert EFFECTS["clock_jump"].detect(view(joined)) is None
+    rest = int(np.flatnonzero(speed < 0.02 * speed.max())[100])
+    stamps = samples.stamp_ns.copy()
+    stamps[rest:] += round(pause_s * NS_PER_S)
+    assert EFFECTS["clock_jump"].detect(view(replace(samples, stamp_ns=stamps))) is None
+
+
+# The force channel
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_a_shaft_at_rest_repeats_its_force_and_drops_nothing(noise: float) -> None:
+    samples = run(noise=noise).samples
+    rest = np.zeros(len(samples), np.bool_)
+    for start in range(500, len(samples) - 400, 1500):
+        rest[start : start + 300] = True
+    velocity = np.where(rest, 0.0, samples.velocity_m_s)
+    held = samples.friction_N.copy()
+    for start in range(500, len(samples) - 400, 1500):
+        held[start : start + 300] = held[start]
+    names = {f.name for f in found(replace(samples, velocity_m_s=velocity, friction_N=held, position_m=None))}
+    assert not names & {"dropout", "saturation", "quantization"}
+
+
+def test_a_coarse_lattice_repeats_values_and_drops_nothing() -> None:
+    assert {f.name for f in found(run("quantization:step=0.6").samples)} == {"quantization"}
+    slow = run("quantization:step=0.3", segments=(segment(20.0, 50.0, 120.0),)).samples
+    assert "dropout" not in {f.name for f in found(slow)}
+
+
+def test_two_levels_are_no_lattice() -> None:
+    assert lattice_step(np.where(np.arange(4000) % 7 < 3, 1.0, -1.0)) == 0.0
+
+
+# Noise of channels
+
+
+def test_noise_of_a_channel_is_no_larger_than_the_channel() -> None:
+    """A velocity of pure noise is no velocity: it has no deviation of 229 m/s."""
+    samples = run().samples
+    wild = replace(samples, velocity_m_s=229.0 * np.random.default_rng(0).standard_normal(len(samples)))
+    shown = view(wild)
+    assert noise_under(wild.velocity_m_s, shown.restart) is not None
+    steep = replace(shown, residual_N=shown.force_N, force_slope=np.full(len(wild), 100.0))
+    assert EFFECTS["velocity_noise"].detect(steep) is None
+
+
+@pytest.mark.parametrize("deviation", [1e-6, 1e-2, 1e3])
+def test_noise_under_a_smooth_channel_is_measured_at_every_scale(deviation: float) -> None:
+    time = np.arange(20_000) * 0.005
+    noise = deviation * np.random.default_rng(5).standard_normal(time.size)
+    restart = np.zeros(time.size, np.bool_)
+    measured = noise_under(30.0 * deviation * np.sin(2 * np.pi * time) + noise, restart)
+    assert measured is not None
+    value, low, high = measured
+    assert low < deviation < high
+    assert high - low < 0.2 * value
+    assert noise_under(np.sin(2 * np.pi * time), restart) is None
+
+
+# Stick-slip
+
+
+@pytest.mark.parametrize(
+    "hidden", ["stick_slip:size=0.04", "stick_slip:size=0.01,decay=0.03", "stick_slip:size=0.03,form=1,frequency=23"]
+)
+def test_bursts_after_reversals_are_stick_slip(hidden: str) -> None:
+    made = run(hidden)
+    fault = scatter(made.samples)
+    assert fault is not None
+    assert fault.p_value is not None
+    assert fault.p_value < 1e-6
+    for name in ("amplitude", "decay"):
+        value, _, low, high = fault.parameters[name]
+        assert low <= made.effects[0][name] <= high, name
+        assert value > 0.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    "hidden", ["breakaway:size=0.04", "breakaway:amplitude=1.5,length=8e-6", "presliding:size=0.04,length=5e-6"]
+)
+def test_what_is_sharp_at_reversals_is_no_stick_slip(hidden: str, seed: int) -> None:
+    """Cycles are sampled at other phases against the reversal: their difference is the sampling's."""
+    assert scatter(run(hidden, seed=seed, noise=0.003, segments=SHORT).samples) is None
+    assert scatter(run(hidden, seed=seed, noise=0.003, segments=(segment(1.0137, 50.0, 30.0),)).samples) is None
+
+
+@pytest.mark.parametrize("hidden", [(), ("breakaway:size=0.04",), ("time_delay:delay=0.003",)])
+def test_a_record_that_repeats_exactly_has_no_stick_slip(hidden: tuple[str, ...]) -> None:
+    assert scatter(run(*hidden, noise=0.0).samples) is None
+    assert scatter(run(*hidden, noise=0.0, segments=(segment(0.9973, 50.0, 30.0),)).samples) is None
+
+
+def test_no_detector_is_asked_twice_or_never() -> None:
+    for name, cls in EFFECTS.items():
+        own = cls.detect.__func__ is not Effect.detect.__func__  # type: ignore[attr-defined]
+        assert own == bool(cls.detects_at), name
