@@ -1,6 +1,19 @@
 """Effects that a rig can hide in its data: one class an effect, a file a family."""
 
-from friction_estimator.effects import channels, drift, dynamics, reversal, sensor, stamps, static, timing  # noqa: F401
+from friction_estimator.effects import (  # noqa: F401 - they register
+    channels,
+    drift,
+    dynamics,
+    film,
+    patterns,
+    reversal,
+    sensor,
+    spoiled,
+    stamps,
+    static,
+    steps,
+    timing,
+)
 from friction_estimator.effects.base import EFFECTS, Effect, list_effects, parse_effect
 from friction_estimator.effects.compose import compose
 from friction_estimator.effects.extension import ExtensionTerms, extension_from_config

@@ -1,18 +1,17 @@
-"""Faults of the force channel: bias, clipping, resolution, held values, spikes."""
+"""Faults of the force channel as a whole: bias, clipping, resolution."""
 
 from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
-from scipy.stats import binom
 
-from friction_estimator.core.sample import Bools, Floats, Ints
+from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import Effect, Key, Params, Words, chosen, effect, form_key
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.detection import MASKED, NOT_REPAIRED, DataView, Fault
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.reference import Reference
-from friction_estimator.effects.scatter import MAD, lattice_interval, local_scale, moving
+from friction_estimator.effects.scatter import lattice_interval, moving
 from friction_estimator.effects.trace import Trace
 
 LEAST_SHARE = 0.002
@@ -28,18 +27,6 @@ COARSE = 0.5
 
 CUT = 1.0 / 6.0
 """Of a step: as near as that to half a step the mean error is the lattice's that cuts off instead of rounding."""
-
-LONG_RUN = 5
-"""Equal values in a row, one such run is enough among values that never recur."""
-
-FINE_LATTICE = 0.98
-"""Share of distinct values below which single repeats are natural."""
-
-SPIKE = 4.8
-"""Robust standard deviations of an innovation that count as a spike; white Gaussian noise has one in 600,000."""
-
-SPIKE_CHANCE = 1.7e-6
-FEWEST_SPIKES = 4
 
 
 @effect
@@ -221,189 +208,6 @@ class Quantization(Effect):
         )
 
 
-@effect
-class Dropout(Effect):
-    """Held values."""
-
-    name = "dropout"
-    family = "transport"
-    stage = "sensor"
-    detects_at = "force"
-    figure = "time"
-    keys = (
-        Key("fraction", "", 0.02, 0.0, 0.9, "share of samples that repeat the last good one"),
-        Key("length", "samples", 5.0, 1.0, 1e4, "length of a dropout"),
-        form_key("lengths geometrically distributed about the mean instead of fixed"),
-    )
-    size_key = "fraction"
-    linear = False
-    words = Words(
-        "samples were lost and the last value was held",
-        "runs of exactly equal force values while the velocity moves on",
-        {"quantization": "count how long values repeat"},
-    )
-
-    def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:
-        """Hold the value before each dropout."""
-        n, length = trace.time_s.size, self["length"]
-        # Uniform positions drawn first: a larger fraction then only adds dropouts.
-        draws = rng.random(n)
-        sizes = rng.geometric(1.0 / length, n) if self["form"] >= 0.5 else np.full(n, round(length))
-        force = trace.friction_N.copy()
-        for start in np.flatnonzero(draws < self["fraction"] / length):
-            if start > 0:
-                force[start : start + sizes[start]] = force[start - 1]
-        return trace.with_friction(force)
-
-    @classmethod
-    def detect(cls, view: DataView) -> Fault | None:
-        """Find runs of one repeated force value while the shaft moves on.
-
-        On a lattice repeats are natural: there a run must be far longer than the lattice's own runs, and the force
-        that the model expects must have moved by two steps in it.
-        """
-        force, step, n = view.force_N, view.lattice_N, view.force_N.size
-        same = np.zeros(n, np.bool_)
-        same[1:] = (force[1:] == force[:-1]) & ~view.restart[1:]
-        same &= moving(view) & view.used
-        if not same.any():
-            return None
-        start = np.flatnonzero(same & ~np.concatenate([[False], same[:-1]]))
-        stop = np.flatnonzero(same & ~np.concatenate([same[1:], [False]])) + 1
-        length = stop - start
-        fewest = 1 if int(length.max()) >= LONG_RUN else 2
-        if step > 0.0:
-            natural = min(max(float(same.mean()), 1e-9), 0.999)
-            keep = length > max(float(np.log(1e-4 / n) / np.log(natural)), 3.0)
-            if view.residual_N is not None:
-                expected = force - view.residual_N
-                keep &= np.array([np.ptp(expected[a - 1 : b]) > 2.0 * step for a, b in zip(start, stop, strict=True)])
-        else:
-            # One repeat at the very top is rather a clipped sensor.
-            keep = ~((np.abs(force[start]) >= np.abs(force).max()) & (length < 3))
-            if np.unique(force).size < FINE_LATTICE * (n - int(same.sum())):
-                keep &= length >= 3
-                fewest = 8
-        start, stop = start[keep], stop[keep]
-        lost = int((stop - start).sum())
-        # The longest run at the clipping level is no dropout.
-        if start.size < fewest or lost < max(6, 1e-4 * n) or np.unique(force[start]).size < 0.5 * start.size:
-            return None
-        held = np.zeros(n, np.bool_)
-        for a, b in zip(start, stop, strict=True):
-            held[a:b] = True
-        share = float(held.mean())
-        reach = 2.0 * float(np.sqrt(np.square(stop - start).sum())) / n
-        return Fault(
-            cls.name,
-            f"{start.size} runs of exactly equal force values while the shaft moves, {lost} samples in all",
-            {
-                "fraction": (share, "", max(0.0, share - reach), share + reach),
-                "length": (lost / start.size, "samples", *_mean_interval(stop - start)),
-            },
-            MASKED,
-            used=view.used & ~held,
-        )
-
-
-@effect
-class Outliers(Effect):
-    """Spikes."""
-
-    name = "outliers"
-    family = "spikes"
-    stage = "sensor"
-    scatters = True
-    detects_at = "residual"
-    figure = "time"
-    keys = (
-        Key("amplitude", "N", 5.0, 0.0, 1e9, "height of a spike"),
-        Key("fraction", "", 0.0005, 0.0, 0.5, "share of samples hit"),
-        form_key("one-sided, of exponentially distributed height"),
-    )
-    size_key = "amplitude"
-    reveals = "time_s"
-    words = Words(
-        "single samples are far off (electrical interference)",
-        "spikes in the residual: heavy tails",
-        {"stick_slip": "spikes last one sample and fall anywhere; stick-slip follows the reversals"},
-    )
-
-    def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:
-        """Add the spikes."""
-        n = trace.time_s.size
-        count = max(1, round(self["fraction"] * n))
-        place = rng.choice(n, count, replace=False)
-        height = np.where(rng.random(count) < 0.5, -1.0, 1.0)
-        if self["form"] >= 0.5:
-            height = 0.5 + 0.5 * rng.exponential(1.0, count)
-        force = trace.friction_N.copy()
-        force[place] += self["amplitude"] * height
-        return trace.with_friction(force)
-
-    @classmethod
-    def detect(cls, view: DataView) -> Fault | None:
-        """Find isolated spikes among the innovations of an autoregression of order two, against the local scale."""
-        residual, used = view.residual_N, view.used
-        if residual is None or any(fault.conceals_N2 for fault in view.found):
-            return None
-        usual = MAD * float(np.median(np.abs(residual[used]))) + 1e-300
-        calm = np.clip(residual, -2.5 * usual, 2.5 * usual)
-        past = np.column_stack([calm[1:-1], calm[:-2]])
-        weights = np.linalg.lstsq(past, calm[2:], rcond=None)[0]
-        # Clipped neighbours: a spike must not make the sample after it look like one.
-        innovation = np.concatenate([residual[:2], residual[2:] - past @ weights])
-        size = np.abs(innovation) / local_scale(view.features, used, innovation)
-        hit = (size > SPIKE) & used
-        neighbours = np.zeros(hit.size)
-        for shift in (1, 2, 3):
-            neighbours[shift:] += size[:-shift] > np.maximum(3.5, 0.5 * size[shift:])
-            neighbours[:-shift] += size[shift:] > np.maximum(3.5, 0.5 * size[:-shift])
-        hit &= neighbours == 0
-        count = int(hit.sum())
-        if count >= FEWEST_SPIKES and _gathered(view, hit):
-            return None
-        power = float(np.square(innovation[hit]).sum()) / max(int(used.sum()), 1)
-        total = float(np.mean(np.square(residual[used])))
-        p_value = float(binom.sf(count - 1, residual.size, SPIKE_CHANCE))
-        if count < FEWEST_SPIKES or p_value > 1e-4 or power < LEAST_SHARE * total:
-            return None
-        height = float(np.sqrt(np.mean(np.square(innovation[hit]))))
-        reach = height * (0.02 + 2.0 * usual / height / np.sqrt(count)) + 0.5 * float(np.std(np.abs(innovation[hit])))
-        share = count / residual.size
-        spread = 2.0 * float(np.sqrt(count)) / residual.size
-        return Fault(
-            cls.name,
-            f"{count} isolated spikes of about {height:.3g} N",
-            {
-                "amplitude": (height, "N", height - reach, height + reach),
-                "fraction": (share, "", max(0.0, share - spread), share + spread),
-            },
-            MASKED,
-            p_value=p_value,
-            used=used & ~hit,
-            power_N2=power,
-        )
-
-
 def _with_unit(interval: tuple[float, float, float], unit: str) -> tuple[float, str, float, float]:
     value, low, high = interval
     return value, unit, low, high
-
-
-def _mean_interval(values: Ints) -> tuple[float, float]:
-    mean = float(np.mean(values))
-    reach = 2.0 * float(np.std(values)) / float(np.sqrt(len(values))) + 0.5
-    return mean - reach, mean + reach
-
-
-def _gathered(view: DataView, hit: Bools) -> bool:
-    """Return whether hits gather at one place of the cycle: then they are a cause, not interference."""
-    f = view.features
-    since = np.where(np.isfinite(f.since_reversal_s), f.since_reversal_s, 1e9)
-    for values in (since, f.velocity_m_s, f.position_m):
-        edges = np.quantile(values, np.linspace(0.0, 1.0, 26)[1:-1])
-        cell = np.searchsorted(edges, values[hit])
-        if np.bincount(cell).max() > max(3.0, 0.3 * cell.size):
-            return True
-    return False

@@ -1,0 +1,152 @@
+"""The lubricating film takes its time."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+
+from friction_estimator.core.sample import Floats
+from friction_estimator.effects.base import REVERSAL, Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.columns import Columns
+from friction_estimator.effects.features import Context, Features
+from friction_estimator.effects.grids import beyond_time, times
+from friction_estimator.effects.kernels import film_lag
+from friction_estimator.effects.reference import BOUNDARY, SHEAR, Reference
+from friction_estimator.effects.trace import Trace
+
+
+@effect
+class SqueezeFilm(Effect):
+    """-A a / (1 + (v / v_f)^2)."""
+
+    name = "squeeze_film"
+    family = "film"
+    stage = "friction"
+    acts = REVERSAL
+    keys = (
+        Key("amplitude", "kg", 0.5, 0.0, 1e6, "A: force per acceleration at standstill"),
+        Key("speed", "m/s", 0.01, 1e-6, 1e3, "v_f: speed at which it has fallen to a half"),
+        form_key("Gaussian in speed: exp(-ln 2 (v / v_f)^2)"),
+    )
+    size_key = "amplitude"
+    reveals = "acceleration_m_s2"
+    systematic: ClassVar[Mapping[str, float]] = {"amplitude": 0.13, "speed": 0.32}
+    words = Words(
+        "the film is squeezed out and drawn in with a lag: friction falls while the shaft accelerates at low speed",
+        "the residual follows the acceleration at low speed only",
+        {
+            "inertia": "the same acceleration at another speed: inertia stays and has the other sign",
+            "frictional_lag": "the same speed at another acceleration",
+            "sensor_lowpass": "a second period",
+            "breakaway": "vary the dwell at the reversal",
+        },
+    )
+
+    def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:  # noqa: ARG002
+        """Add the term."""
+        ratio = np.square(trace.velocity_m_s / self["speed"])
+        share = np.exp(-np.log(2.0) * ratio) if self["form"] >= 0.5 else 1.0 / (1.0 + ratio)
+        return trace.with_friction(trace.friction_N - self["amplitude"] * trace.acceleration_m_s2 * share)
+
+    @classmethod
+    def grid(cls, context: Context) -> list[dict[str, float]]:
+        """Speeds from a sixtieth of the largest to a third of it."""
+        return chosen(context.top_speed_m_s / np.array([60.0, 30.0, 15.0, 8.0, 4.0]), "speed")
+
+    @classmethod
+    def columns(cls, params: Params) -> Columns:
+        """Return -a / (1 + (v / v_f)^2)."""
+        return Columns(lambda f, _r, _s: -f.acceleration_m_s2 / (1.0 + np.square(f.velocity_m_s / params["speed"])))
+
+    @classmethod
+    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
+        """Amplitude and speed."""
+        return {"amplitude": (float(weights[0]), "kg"), "speed": (params["speed"], "m/s")}
+
+    @classmethod
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+        """Above the top speed it would act at every speed, and be inertia of the other sign."""
+        if params["speed"] > context.top_speed_m_s:
+            return f"its speed of {params['speed']:.3g} m/s is above the largest of the drive"
+        return None
+
+    signs = (1,)
+    refined = ("speed",)
+
+
+@effect
+class FrictionalLag(Effect):
+    """The Stribeck part follows a lagged speed."""
+
+    name = "frictional_lag"
+    family = "film"
+    stage = "lubrication"
+    acts = REVERSAL
+    keys = (
+        Key("lag", "s", 0.01, 0.0, 100.0, "time by which the film follows the speed"),
+        form_key("a pure delay of the film instead of a first-order lag"),
+    )
+    size_key = "lag"
+    linear = False
+    reveals = "velocity_m_s"
+    systematic: ClassVar[Mapping[str, float]] = {"lag": 0.1}
+    words = Words(
+        "the lubricating film needs time: friction follows an earlier speed",
+        "a loop in friction over speed at low speed, wider at higher frequency",
+        {
+            "squeeze_film": "the same speed at another acceleration",
+            "time_delay": "speed steps without reversal: the sign of friction is not late",
+            "breakaway": "speed steps without reversal",
+        },
+    )
+
+    def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:  # noqa: ARG002
+        """Let the film follow a lagged speed."""
+        from friction_estimator.effects.timing import lagged_force  # noqa: PLC0415 - same filter
+
+        lag, speed = self["lag"], trace.film_speed_m_s
+        if lag <= 0.0:
+            return trace
+        if self["form"] >= 0.5:
+            return replace(trace, film_speed_m_s=np.interp(trace.time_s - lag, trace.time_s, speed))
+        return replace(trace, film_speed_m_s=np.maximum(lagged_force(speed, trace.step_s, lag), 0.0))
+
+    @classmethod
+    def grid(cls, context: Context) -> list[dict[str, float]]:
+        """Lags from 0.02 samples to a quarter of the shortest period."""
+        return chosen(times(context), "lag")
+
+    @classmethod
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+        """Neither far below a sample nor a good part of a stroke."""
+        return beyond_time("lag", params["lag"], context)
+
+    @classmethod
+    def columns(cls, params: Params) -> Columns:
+        """Return what the boundary and the shear part change on the film of the lagged speed."""
+
+        def compute(f: Features, r: Reference, s: Floats) -> Floats:
+            out = np.empty(f.size)
+            film_lag(
+                f.step_s,
+                f.previous_m_s,
+                f.velocity_m_s,
+                f.pressure_Pa,
+                params["lag"],
+                r.sign_velocity_m_s,
+                r.tables[BOUNDARY],
+                r.tables[SHEAR],
+                r.pressures_Pa,
+                r.bend_m_s,
+                r.reach,
+                s,
+                out,
+            )
+            return out
+
+        return Columns(compute, state=2, filtered=True)
+
+    signs = (1,)
+    fixed_gain = True
+    refined = ("lag",)

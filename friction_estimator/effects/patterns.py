@@ -1,0 +1,187 @@
+"""What repeats with time or with the place: lines and ripples."""
+
+import numpy as np
+
+from friction_estimator.core.sample import Floats
+from friction_estimator.effects.base import Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.columns import RECORDINGS, Columns, amplitudes, own_phases, recording_of, several
+from friction_estimator.effects.features import Context, Features
+from friction_estimator.effects.grids import longest_piece_s
+from friction_estimator.effects.kernels import waves
+from friction_estimator.effects.reference import Reference
+from friction_estimator.effects.spectrum import SLOWEST, ripple_wavelengths, spectral_lines
+from friction_estimator.effects.trace import Trace
+
+
+@effect
+class PositionDependence(Effect):
+    """F m(x) or a force m(x)."""
+
+    name = "position_dependence"
+    family = "position"
+    stage = "friction"
+    many = True
+    channel = "position"
+    keys = (
+        Key("amplitude", "N", 0.3, 0.0, 1e6, "amplitude of the ripple"),
+        Key("wavelength", "m", 5e-3, 1e-6, 100.0, "its wavelength"),
+        Key("phase", "rad", 0.0, -10.0, 10.0, "its phase at position 0"),
+        form_key("modulates the friction instead of adding a force"),
+    )
+    size_key = "amplitude"
+    reveals = "position_m"
+    words = Words(
+        "friction depends on the place: scoring, ovality, pitch of a screw",
+        "the residual repeats with position, in each direction",
+        {"periodic_disturbance": "change the speed or the stroke's centre: a position pattern stays in place"},
+    )
+
+    def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:  # noqa: ARG002
+        """Add the ripple."""
+        wave = np.cos(2.0 * np.pi * trace.position_m / self["wavelength"] + self["phase"])
+        if self["form"] >= 0.5:
+            rms = float(np.sqrt(np.mean(np.square(trace.friction_N)))) or 1.0
+            wave = wave * trace.friction_N / rms
+        return trace.with_friction(trace.friction_N + self["amplitude"] * wave)
+
+    @classmethod
+    def grid(cls, context: Context) -> list[dict[str, float]]:
+        """Wavelengths between 1/160 and half of the stroke, evenly in wave number, half a wave apart at most."""
+        if context.stroke_m <= 0.0:
+            return []
+        waves = np.concatenate([np.arange(2.0, 10.0, 0.25), np.arange(10.0, 160.0, 0.5)])
+        return chosen(context.stroke_m / waves, "wavelength")
+
+    @classmethod
+    def peaks(cls, residual_N: Floats, features: Features, context: Context) -> list[dict[str, float]]:  # noqa: ARG003
+        """Shorter wavelengths, and those with an origin of their own in each recording, from spectra over the place."""
+        number = recording_of(features)
+        found = ripple_wavelengths(residual_N, features.position_m, features.direction, number)
+        return [{"wavelength": wavelength} | several(features) for wavelength in found]
+
+    @classmethod
+    def columns(cls, params: Params) -> Columns:
+        """Return cos and sin of 2 pi x / L in each direction, for each recording, times |F| where it `modulates`."""
+
+        def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
+            out = np.empty((f.size, 4))
+            waves(f.position_m, f.direction, params["wavelength"], out)
+            if params.get("modulates", 0.0) >= 0.5:
+                out *= np.abs(f.force_N)[:, None]
+            return own_phases(out, f, params)
+
+        return Columns(compute, 4 * round(params.get(RECORDINGS, 1.0)))
+
+    @classmethod
+    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:
+        """Amplitude in each direction (at the rms of friction, where it modulates) and wavelength."""
+        unit = context.force_rms_N if params.get("modulates", 0.0) >= 0.5 else 1.0
+        forward, backward = amplitudes(weights, params).tolist()
+        return {
+            "amplitude_forward": (forward * unit, "N"),
+            "amplitude_backward": (backward * unit, "N"),
+            "wavelength": (params["wavelength"], "m"),
+        }
+
+    @classmethod
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+        """A wave that the stroke does not hold twice is a spring or a bend of the curve."""
+        if params["wavelength"] > 0.5 * context.stroke_m * (1.0 + 1e-9):
+            return f"its wavelength of {params['wavelength']:.3g} m is longer than half the stroke"
+        return None
+
+    @classmethod
+    def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
+        """To the neighbouring wave numbers."""
+        wave = context.stroke_m / value
+        reach = 0.25 if wave < 10.0 else 0.5
+        return (context.stroke_m / (wave + reach), context.stroke_m / max(wave - reach, 1.5))
+
+    @classmethod
+    def variants(cls, params: Params) -> list[dict[str, float]]:
+        """A ripple that modulates the friction instead of adding to it."""
+        return [dict(params) | {"modulates": 1.0}]
+
+    signs = (0, 0, 0, 0)
+    refined = ("wavelength",)
+
+
+@effect
+class PeriodicDisturbance(Effect):
+    """sin(2 pi f t), not locked to the drive."""
+
+    name = "periodic_disturbance"
+    family = "periodic"
+    stage = "mechanics"
+    many = True
+    keys = (
+        Key("amplitude", "N", 0.2, 0.0, 1e6, "amplitude"),
+        Key("frequency", "Hz", 13.7, 1e-3, 1e5, "frequency"),
+        form_key("with a second harmonic of 40 %"),
+    )
+    size_key = "amplitude"
+    reveals = "time_s"
+    words = Words(
+        "something else on the rig runs at its own frequency (mains, pump ripple)",
+        "a line in the spectrum of the residual that is not locked to the drive",
+        {"position_dependence": "change the drive's speed: the line stays, a position pattern moves"},
+    )
+
+    def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:
+        """Add the wave at a random phase."""
+        angle = 2.0 * np.pi * (self["frequency"] * trace.time_s + rng.random())
+        wave = np.sin(angle)
+        if self["form"] >= 0.5:
+            wave = wave + 0.4 * np.sin(2.0 * angle + 1.0)
+        return trace.with_friction(trace.friction_N + self["amplitude"] * wave)
+
+    @classmethod
+    def peaks(cls, residual_N: Floats, features: Features, context: Context) -> list[dict[str, float]]:
+        """Lines of the residual's spectrum that are no harmonics of the drive."""
+        number = recording_of(features)
+        lines = spectral_lines(
+            residual_N, features.time_s, context.step_s, periods_s=context.periods_s, recording=number
+        )
+        return [{"frequency": line} | several(features) for line in lines]
+
+    @classmethod
+    def columns(cls, params: Params) -> Columns:
+        """Return cos and sin of 2 pi f t (and of its harmonics), for each recording."""
+
+        def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
+            angle = 2.0 * np.pi * params["frequency"] * f.time_s
+            order = range(1, count + 1)
+            return own_phases(np.column_stack([wave(k * angle) for k in order for wave in (np.cos, np.sin)]), f, params)
+
+        count = round(params.get("harmonics", 1.0))
+        return Columns(compute, 2 * count * round(params.get(RECORDINGS, 1.0)))
+
+    @classmethod
+    def variants(cls, params: Params) -> list[dict[str, float]]:
+        """A periodic wave that is no sine: with three harmonics."""
+        return [dict(params) | {"harmonics": 3.0}]
+
+    @classmethod
+    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
+        """Amplitude and frequency."""
+        return {
+            "amplitude": (float(amplitudes(weights, params)[0]), "N"),
+            "frequency": (params["frequency"], "Hz"),
+        }
+
+    @classmethod
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+        """Three cycles in a piece without a gap, and two samples in a cycle."""
+        if params["frequency"] * longest_piece_s(context) < SLOWEST:
+            return f"fewer than {SLOWEST:.0f} cycles of {params['frequency']:.3g} Hz fit into a piece without a gap"
+        if params["frequency"] * context.step_s > 0.5:
+            return f"{params['frequency']:.3g} Hz is above half the sample rate"
+        return None
+
+    @classmethod
+    def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
+        """Half a line's width to each side."""
+        return (value - 0.4 / context.duration_s, value + 0.4 / context.duration_s)
+
+    signs = (0, 0)
+    refined = ("frequency",)
