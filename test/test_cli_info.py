@@ -132,6 +132,27 @@ def test_what_a_drive_does_not_excite_is_said(tmp_path, capsys, velocity, words)
     assert any(words in text for text in found["cannot"]), found["cannot"]
 
 
+def test_wraps_standstill_steps_and_a_velocity_that_is_off_are_said(tmp_path, capsys):
+    wave = 6.0 * sine() / 0.1
+    velocity = np.where(np.abs(wave) < 2.0, 0.0, wave)
+    position = (np.cumsum(velocity) * 1e-2 + 20.0) % 25.0 - 12.5
+    shown = 0.01 * (np.round(0.6 * velocity / 0.01))
+    write_samples(tmp_path / "run", drive(shown, period_ms=10, position_m=position))
+    code, found, _ = info(tmp_path / "run", capsys)
+    assert code == 0
+    wraps = np.count_nonzero(np.abs(np.diff(position)) > 12.0)
+    assert found["pairing"]["position_wraps"] == wraps > 0
+    assert found["pairing"]["position_modulus"] == pytest.approx(25.0, rel=1e-3)
+    facts = found["excitation"]
+    assert facts["standstill_share"] == pytest.approx(np.mean(velocity == 0.0), abs=0.01)
+    assert facts["velocity_step"] == pytest.approx(0.01, rel=1e-3)
+    assert facts["velocity_over_position_rate"] == pytest.approx(0.6, rel=0.01)
+    assert facts["drive_periods_s"] == pytest.approx([10.0], rel=0.01)
+    assert len(facts["notes"]) == 2
+    for words in ("quantised in such steps", "0.6 times the derivative of the position"):
+        assert any(words in text for text in found["cannot"]), found["cannot"]
+
+
 def test_a_recording_without_the_topics_is_listed_and_cannot_answer(tmp_path, capsys):
     with writing(tmp_path / "run") as writer:
         writer.add_stream(*TOPICS["pressure"], START + MS * np.arange(5), np.ones(5), quantity="pressure")

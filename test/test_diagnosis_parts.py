@@ -15,7 +15,7 @@ from friction_estimator.diagnosis.evidence import Evidence, Rule, folds_of, null
 from friction_estimator.diagnosis.excitation import pressure_order, speed_levels
 from friction_estimator.diagnosis.floor import noise_floor
 from friction_estimator.diagnosis.products import inner
-from friction_estimator.diagnosis.record import Record, build_record, joined, periods, reversals
+from friction_estimator.diagnosis.record import Record, build_record, joined
 from friction_estimator.diagnosis.repair import view_of
 from friction_estimator.effects import EFFECTS
 from friction_estimator.effects.detection import Fault
@@ -130,9 +130,9 @@ def test_recordings_that_restart_their_clock_are_put_in_order(clean: Samples) ->
 
 
 def test_periods_and_reversals_are_counted(clean: Samples) -> None:
-    turns = reversals(clean.velocity_m_s, clean.restart)
-    assert turns.size == pytest.approx(2 * (10 + 8), abs=2)
-    assert periods(clean.time_s, turns) == pytest.approx((2.5, 1.0), rel=0.01)
+    record = build_record([clean], Config())
+    assert record.reversals == pytest.approx(2 * (10 + 8), abs=2)
+    assert record.periods_s == pytest.approx((2.5, 1.0), rel=0.01)
 
 
 def test_lattice_is_measured() -> None:

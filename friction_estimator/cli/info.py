@@ -21,6 +21,12 @@ UNITS = {"velocity": "m/s", "friction": "N", "pressure": "Pa", "temperature": "d
 LEAST_SPEED_RATIO = 3.0
 """Fastest over slowest usual speed of a direction, below which the curve between them and rest is not seen."""
 
+COARSE = 1e-4
+"""Share of the top speed above which a step of a quantised velocity is worth a line."""
+
+LEAST_MISMATCH, MISMATCH_ERRORS = 0.02, 5.0
+"""Relative difference of velocity and position's derivative that is worth a line, and its standard errors."""
+
 _CHANNELS = {
     "pressure": "pressure_dependence, and the theoretical curve at the true pressure",
     "temperature": "the oil's viscosity: viscosity_drift is told from time only",
@@ -99,6 +105,8 @@ def _pairing(admitted: "Admitted") -> dict[str, Any]:
         "rejected": dict(admitted.rejected),
         "gaps": admitted.gaps,
         "clock_jumps": admitted.jumps,
+        "position_wraps": admitted.wraps.count,
+        "position_modulus": admitted.wraps.modulus_m or None,
         "sample_rate_hz": admitted.samples.sample_rate_hz,
         "duration_s": admitted.samples.duration_s,
     }
@@ -107,8 +115,10 @@ def _pairing(admitted: "Admitted") -> dict[str, Any]:
 def _assess(admitted: "Admitted", config: "Config") -> tuple[dict[str, Any] | None, list[str], list[str]]:
     """Return the facts about the drive, and what can and cannot be identified, in words."""
     from friction_estimator.bag.statistics import moving_speeds  # noqa: PLC0415
+    from friction_estimator.core.intake.agreement import velocity_over_position_rate  # noqa: PLC0415
     from friction_estimator.diagnosis.excitation import assess  # noqa: PLC0415
     from friction_estimator.diagnosis.record import build_record  # noqa: PLC0415
+    from friction_estimator.effects.scatter import lattice_step  # noqa: PLC0415
 
     samples = admitted.samples
     can: list[str] = []
@@ -125,8 +135,14 @@ def _assess(admitted: "Admitted", config: "Config") -> tuple[dict[str, Any] | No
     low, high = found.velocity_range
     cannot = [*found.warnings, *cannot]
     ranges = moving_speeds(samples.velocity_m_s)
-    if len(ranges) < 2:
+    if len(ranges) < 2 and not any("one direction only" in warning for warning in found.warnings):
         cannot.insert(0, "friction in both directions: the shaft moves in one direction only")
+    step = lattice_step(samples.velocity_m_s)
+    if step > COARSE * max(abs(low), abs(high)):
+        cannot.append(f"what happens below {step:.3g} m/s: velocity is quantised in such steps")
+    ratio = velocity_over_position_rate(samples)
+    if ratio is not None and abs(ratio[0] - 1.0) > max(LEAST_MISMATCH, MISMATCH_ERRORS * ratio[1]):
+        cannot.append(f"speeds as they are: the velocity is {ratio[0]:.4g} times the derivative of the position")
     if ranges and all(far / near > LEAST_SPEED_RATIO for near, far in ranges):
         can.append(f"the friction curve F(v) from {low:.4g} to {high:.4g} m/s")
     elif not any("curve F(v)" in warning for warning in found.warnings):
@@ -147,6 +163,10 @@ def _assess(admitted: "Admitted", config: "Config") -> tuple[dict[str, Any] | No
         "drive_periods_s": list(context.periods_s),
         "stroke_m": context.stroke_m,
         "distance_m": context.distance_m,
+        "standstill_share": float(record.standstill.mean()),
+        "velocity_step": step or None,
+        "velocity_over_position_rate": None if ratio is None else ratio[0],
+        "notes": list(found.notes),
         "channels": list(found.channels),
     }
     return facts, can, cannot
@@ -186,6 +206,8 @@ def _tell(output: common.Output, result: dict[str, Any]) -> None:
             f"  {facts['reversals']} reversals, {facts['cycles']} cycles, stroke {facts['stroke_m']:.4g} m; "
             f"periods: {periods}"
         )
+        for note in facts["notes"]:
+            output.say(f"  {note}")
     for title in ("can", "cannot"):
         if result.get(title):
             output.say(f"{title} be identified" if title == "can" else "cannot be identified, or not well")

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from friction_estimator.core.intake.encoder import wraps_undone
 from friction_estimator.core.sample import Floats, Ints
 from friction_estimator.diagnosis.record import FEWEST_BLOCKS, Record
 from friction_estimator.effects.features import Context
@@ -11,6 +12,18 @@ from friction_estimator.effects.features import Context
 FEWEST_REVERSALS = 4
 ONE_SPEED = 1.6
 """Speeds within this factor count as one."""
+
+SEVERAL_STROKES = 1.6
+"""Cycles of two strokes to a period above which a drive of one period is no plain to and fro."""
+
+ONE_SIDED = 0.02
+"""Share of the moving samples below which a direction does not count."""
+
+LEAST_STANDSTILL = 0.01
+"""Share of the samples above which standstill is worth a note."""
+
+JITTER = 0.1
+"""Robust deviation of the sample period over itself, above which it is worth a note."""
 
 
 @dataclass(frozen=True)
@@ -21,6 +34,7 @@ class Excitation:
     ----------
     cycles, reversals : counted. velocity_range : m/s. channels : recorded beyond the stamps.
     warnings : in words. undecidable : True where no verdict can be given.
+    notes : in words, what was repaired completely or set aside: it leaves the verdict alone.
     """
 
     cycles: int
@@ -29,11 +43,13 @@ class Excitation:
     channels: tuple[str, ...]
     warnings: tuple[str, ...]
     undecidable: bool
+    notes: tuple[str, ...] = ()
 
 
 def assess(record: Record, context: Context) -> Excitation:
     """Say what the drive excites."""
     v = record.features.velocity_m_s
+    moving = v[~record.standstill]
     warnings: list[str] = []
     undecidable = record.reversals < FEWEST_REVERSALS or record.blocks < FEWEST_BLOCKS
     if undecidable:
@@ -41,7 +57,11 @@ def assess(record: Record, context: Context) -> Excitation:
             f"{record.reversals} reversals in {record.blocks} blocks are too few to tell causes apart: record at least "
             f"{FEWEST_BLOCKS} strokes"
         )
-    levels = speed_levels(v, record.recording)
+    if min(np.mean(moving > 0.0), np.mean(moving < 0.0)) < ONE_SIDED:
+        warnings.append(
+            "the shaft moves in one direction only: a bias of the force sensor cannot be told from the Coulomb level"
+        )
+    levels = speed_levels(moving, record.recording[~record.standstill])
     if levels:
         shown = " and ".join(f"{level:+.3g}" for level in levels)
         warnings.append(
@@ -49,7 +69,9 @@ def assess(record: Record, context: Context) -> Excitation:
             if len(levels) == 2
             else f"the shaft runs at {len(levels)} speed only ({shown} m/s): one speed does not identify the curve F(v)"
         )
-    if len(context.periods_s) == 1 and not levels:
+    # A trajectory with several strokes to a period covers unlike distances in unlike times.
+    cycles_s = record.features.active_time_s[-1] / max(record.cycles, 1)
+    if len(context.periods_s) == 1 and context.periods_s[0] < SEVERAL_STROKES * cycles_s and not levels:
         warnings.append(
             f"one drive period only ({context.periods_s[0]:.3g} s): time and distance are hard to tell apart"
         )
@@ -63,7 +85,37 @@ def assess(record: Record, context: Context) -> Excitation:
         channels=("velocity", "friction", *context.channels),
         warnings=tuple(warnings),
         undecidable=undecidable,
+        notes=tuple(notes(record)),
     )
+
+
+def notes(record: Record) -> list[str]:
+    """Say what was repaired completely or set aside before anything is fitted."""
+    said: list[str] = []
+    wraps = wraps_undone(record.samples)
+    if wraps.count:
+        said.append(f"the position's encoder wrapped {wraps.count} times by {wraps.modulus_m:.4g} m; undone")
+    f = record.features
+    step = np.diff(f.time_s)
+    broken = step[record.restart[1:] & (record.recording[1:] == record.recording[:-1])]
+    if broken.size:
+        said.append(
+            f"{broken.size} gaps or pauses of {np.abs(broken).sum():.4g} s in all: none of it counts as running time"
+        )
+    inside = f.step_s[f.step_s > 0.0]
+    usual = float(np.median(inside))
+    jitter = 1.4826 * float(np.median(np.abs(inside - usual)))
+    if jitter > JITTER * usual:
+        said.append(
+            f"the sample period of {usual * 1e3:.3g} ms scatters by {jitter * 1e3:.3g} ms: stamps are taken as they are"
+        )
+    share = float(record.standstill.mean())
+    if share > LEAST_STANDSTILL:
+        said.append(
+            f"the shaft stands for {100.0 * share:.3g} % of the samples: their force is below breakaway "
+            "and no sample of F(v)"
+        )
+    return said
 
 
 def speed_levels(velocity_m_s: Floats, recording: Ints) -> list[float]:

@@ -7,11 +7,20 @@ from scipy.spatial import cKDTree
 
 from friction_estimator.core.sample import Floats, Ints
 from friction_estimator.diagnosis.evidence import Evidence
-from friction_estimator.diagnosis.record import Record, reversals
+from friction_estimator.diagnosis.record import Record
 
 SAME_PERIOD = 0.01
 SAME_PRESSURE = 0.03
 APART_S = 0.5
+
+LEAST_PAIRED = 0.4
+"""Share of the samples that must find a partner in another cycle."""
+
+SAME_SPEED = 0.05
+"""Share of the rms speed by which the speeds of two samples one period apart may differ."""
+
+FAR_APART = 1e3
+"""Distance of two recordings, in standard deviations of what else tells neighbours."""
 
 
 def pairs(record: Record) -> tuple[Ints, Ints]:
@@ -20,14 +29,15 @@ def pairs(record: Record) -> tuple[Ints, Ints]:
     With a periodic drive: the same phase of neighbouring cycles of equal length and pressure. Otherwise: nearest
     neighbours in velocity, acceleration, position and pressure, at least half a second apart.
     """
-    turns = reversals(record.features.velocity_m_s, record.restart)
-    first, second = _cycle_pairs(record, turns)
-    if first.size > 0.4 * record.used.size:
-        return first, second
+    for found in (_cycle_pairs, _period_pairs):
+        first, second = found(record)
+        if first.size > LEAST_PAIRED * record.used.size:
+            return first, second
     return _neighbours(record)
 
 
-def _cycle_pairs(record: Record, turns: Ints) -> tuple[Ints, Ints]:
+def _cycle_pairs(record: Record) -> tuple[Ints, Ints]:
+    turns = record.turns
     time, pressure = record.features.time_s, record.features.pressure_Pa
     a: list[Ints] = []
     b: list[Ints] = []
@@ -59,10 +69,36 @@ def _cycle_pairs(record: Record, turns: Ints) -> tuple[Ints, Ints]:
     return np.concatenate(a), np.concatenate(b)
 
 
+def _period_pairs(record: Record) -> tuple[Ints, Ints]:
+    """Return each sample with the one a period later, where velocity and pressure have come again.
+
+    For trajectories with several strokes to a period, whose neighbouring cycles of two strokes are not alike.
+    """
+    f = record.features
+    time, v, pressure, number = f.time_s, f.velocity_m_s, f.pressure_Pa, record.recording
+    same_speed = SAME_SPEED * float(np.sqrt(np.mean(np.square(v))))
+    here = np.arange(time.size)
+    first, second = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+    left = np.ones(time.size, np.bool_)
+    for period in sorted(record.periods_s):
+        wanted = time + period
+        after = np.clip(np.searchsorted(time, wanted), 1, time.size - 1)
+        there = after - (wanted - time[after - 1] < time[after] - wanted)
+        reach = np.maximum(f.step_s, f.step_s[there])
+        again = left & (np.abs(time[there] - wanted) <= reach) & (number[there] == number)
+        again &= np.abs(v[there] - v) < same_speed
+        again &= np.abs(pressure[there] - pressure) <= SAME_PRESSURE * np.maximum(np.abs(pressure), 1.0)
+        first.append(here[again])
+        second.append(there[again])
+        left &= ~again
+    return np.concatenate(first), np.concatenate(second)
+
+
 def _neighbours(record: Record) -> tuple[Ints, Ints]:
     f = record.features
     place = [f.velocity_m_s, f.acceleration_m_s2, f.position_m, f.pressure_Pa, np.sign(f.velocity_m_s)]
-    points = np.column_stack([p / (np.std(p) or 1.0) for p in place])
+    # Positions of recordings with origins of their own are not comparable: neighbours are of one recording.
+    points = np.column_stack([*(p / (np.std(p) or 1.0) for p in place), FAR_APART * record.recording])
     chosen = np.flatnonzero(record.used)
     chosen = chosen[:: max(1, chosen.size // 20000)]
     found: Ints = np.asarray(cKDTree(points[chosen]).query(points[chosen], k=12)[1], np.int64)

@@ -6,8 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from friction_estimator.core.errors import UnanswerableError
+from friction_estimator.core.intake.encoder import Encoder
+from friction_estimator.core.intake.periods import drive_periods, is_harmonic
+from friction_estimator.core.intake.standstill import standstill
+from friction_estimator.core.intake.strokes import reversal_speed, reversals
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Ints, Samples
 from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.units import MARGIN, robust_top
 from friction_estimator.effects.extension import sign_velocity
 from friction_estimator.effects.features import Context, FeatureMaker, Features
 
@@ -16,9 +21,6 @@ FEWEST_BLOCKS = 12
 USUAL_BLOCKS = 40
 SHORTEST_BLOCK = 64
 """Samples; shorter blocks would not be independent of each other."""
-
-REVERSAL_SPEED = 1e-3
-"""Share of the top speed that a stroke must reach to count between two reversals."""
 
 
 @dataclass(frozen=True)
@@ -30,11 +32,14 @@ class Record:
     samples : all recordings in one, their stamps made increasing.
     features : of the samples.
     friction_N : (n,), measured, repaired where a repair was needed.
-    used : (n,) bool, False for samples that are masked.
+    used : (n,) bool, False for samples that are masked: at standstill, and by faults of the data.
     restart : (n,) bool.
-    block : (n,) int, number of the block, increasing.
-    recording : (n,) int, number of the recording.
-    periods_s : periods of the drive that were found, s; empty where it is not periodic.
+    block : (n,) int, number of the block, increasing; none reaches over two recordings.
+    recording : (n,) int, number of the recording, from 0. Encoders may have another origin in each.
+    periods_s : periods of the drive that were found, s, longest first; empty where it is not periodic.
+    turns : (m,) int, samples that begin a stroke after a reversal.
+    standstill : (n,) bool, where the shaft stands: its force is below breakaway and no sample of F(v).
+    reversal_speed_m_s : speed that strokes about a reversal reach.
     """
 
     samples: Samples
@@ -45,8 +50,19 @@ class Record:
     block: Ints
     recording: Ints
     periods_s: tuple[float, ...]
-    reversals: int
-    cycles: int
+    turns: Ints
+    standstill: Bools
+    reversal_speed_m_s: float
+
+    @property
+    def reversals(self) -> int:
+        """Number of reversals."""
+        return int(self.turns.size)
+
+    @property
+    def cycles(self) -> int:
+        """Number of cycles of two strokes."""
+        return int(self.turns.size // 2)
 
     @property
     def blocks(self) -> int:
@@ -56,6 +72,16 @@ class Record:
     def with_force(self, friction_N: Floats, used: Bools) -> "Record":
         """Return the record with a repaired force."""
         return replace(self, friction_N=friction_N, used=used)
+
+    def with_channels(self, config: Config, **channels: Floats) -> "Record":
+        """Return the record with repaired channels of its samples: features, strokes, standstill anew; masks stay."""
+        samples = replace(self.samples, **channels)  # type: ignore[arg-type]
+        new = described(samples, self.recording, config)
+        return replace(new, block=self.block).with_force(self.friction_N, new.used & (self.used | self.standstill))
+
+    def is_harmonic(self, frequency_hz: float) -> bool:
+        """Return whether a line may be the trajectory's own (`core.intake.periods`)."""
+        return is_harmonic(frequency_hz, self.periods_s, float(self.features.active_time_s[-1]))
 
     def context(self, config: Config, force_top_N: float) -> Context:
         """Return the facts that grids depend on."""
@@ -70,7 +96,10 @@ class Record:
             )
             if values is not None and np.isfinite(values).mean() > 0.5
         ]
-        low, high = float(f.position_m.min()), float(f.position_m.max())
+        # Encoders may have another origin in each recording: strokes are those of one.
+        ends = np.array([_ends(f.position_m[self.recording == r]) for r in range(int(self.recording[-1]) + 1)])
+        longest = int(np.argmax(ends[:, 1] - ends[:, 0]))
+        low, high = (float(end) for end in ends[longest])
         return Context(
             duration_s=float(f.time_s[-1]),
             step_s=float(np.median(inside)),
@@ -87,6 +116,10 @@ class Record:
             periods_s=self.periods_s,
             channels=tuple(channels),
         )
+
+
+def _ends(values: Floats) -> tuple[float, float]:
+    return float(values.min()), float(values.max())
 
 
 def joined(recordings: Sequence[Samples]) -> tuple[Samples, Ints]:
@@ -120,6 +153,7 @@ def joined(recordings: Sequence[Samples]) -> tuple[Samples, Ints]:
         pressure_Pa=stacked("pressure_Pa"),
         temperature_degC=stacked("temperature_degC"),
         position_m=stacked("position_m"),
+        position_shift_m=stacked("position_shift_m"),
     )
     number = np.concatenate([np.full(len(p), i) for i, p in enumerate(parts)])
     return whole, number
@@ -132,7 +166,7 @@ def build_record(recordings: Sequence[Samples], config: Config) -> Record:
     ------
     UnanswerableError : too few samples, or the shaft does not move.
     """
-    recordings = [part for part in recordings if len(part)]
+    recordings = [_unwrapped(part) for part in recordings if len(part)]
     if sum(len(part) for part in recordings) < FEWEST_SAMPLES:
         raise UnanswerableError(
             f"{sum(len(p) for p in recordings)} usable samples are too few for a diagnosis: record at least "
@@ -141,42 +175,77 @@ def build_record(recordings: Sequence[Samples], config: Config) -> Record:
     samples, number = joined(recordings)
     if float(np.ptp(samples.velocity_m_s)) <= 0.0:
         raise UnanswerableError("the velocity never changes: a diagnosis needs strokes in both directions")
-    theory = config.theory
-    maker = FeatureMaker(theory.ambient_pressure, theory.default_pressure, theory.default_temperature)
-    features = maker(samples)
-    turns = reversals(samples.velocity_m_s, samples.restart)
+    return described(samples, number, config)
+
+
+def described(samples: Samples, recording: Ints, config: Config) -> Record:
+    """Return the record of samples that are one, all of them in use but those at standstill.
+
+    Parameters
+    ----------
+    samples : of all recordings, stamps increasing (`joined`). recording : (n,), number of the recording.
+    """
+    velocity, restart = samples.velocity_m_s, samples.restart
+    level = reversal_speed(samples)
+    features = replace(feature_maker(config, level)(samples), recording=recording)
+    turns = reversals(velocity, restart, level)
+    stands = standstill(samples, config.velocity_scale or MARGIN * robust_top(np.abs(velocity)))
     n = len(samples)
     count = int(min(USUAL_BLOCKS, max(FEWEST_BLOCKS, turns.size // 2), max(2, n // SHORTEST_BLOCK)))
-    edges = np.linspace(0, n, count + 1).astype(np.int64)
-    block = np.repeat(np.arange(count), np.diff(edges))
     return Record(
         samples=samples,
         features=features,
         friction_N=samples.friction_N.copy(),
-        used=np.ones(n, np.bool_),
-        restart=samples.restart,
-        block=block,
-        recording=number,
-        periods_s=periods(features.time_s, turns),
-        reversals=int(turns.size),
-        cycles=int(turns.size // 2),
+        used=~stands,
+        restart=restart,
+        block=blocks(recording, count),
+        recording=recording,
+        periods_s=drive_periods(features.time_s, velocity, restart) or stroke_periods(features.time_s, turns),
+        turns=turns,
+        standstill=stands,
+        reversal_speed_m_s=level,
     )
 
 
-def reversals(velocity_m_s: Floats, restart: Bools) -> Ints:
-    """Return the samples that begin a stroke: sign changes between strokes that reach a thousandth of the top speed."""
-    floor = REVERSAL_SPEED * float(np.abs(velocity_m_s).max())
-    moving = np.flatnonzero(np.abs(velocity_m_s) > floor)
-    if moving.size < 2:
-        return np.zeros(0, np.int64)
-    sign = np.sign(velocity_m_s[moving])
-    piece = np.cumsum(restart)[moving]
-    change = (sign[1:] != sign[:-1]) & (piece[1:] == piece[:-1])
-    return np.asarray(moving[1:][change], np.int64)
+def feature_maker(config: Config, reversal_speed_m_s: float) -> FeatureMaker:
+    """Return the maker of features for a configuration."""
+    theory = config.theory
+    return FeatureMaker(
+        theory.ambient_pressure, theory.default_pressure, theory.default_temperature, reversal_speed_m_s
+    )
 
 
-def periods(time_s: Floats, turns: Ints) -> tuple[float, ...]:
-    """Return the drive's periods: lengths of two strokes that at least three cycles share within 2 %, longest first."""
+def _unwrapped(samples: Samples) -> Samples:
+    """Return samples with the position unwrapped, where the intake has not done it."""
+    if samples.position_m is None or samples.position_shift_m is not None:
+        return samples
+    position, encoder = samples.position_m.copy(), Encoder()
+    shift = encoder.push(samples.stamp_ns, samples.velocity_m_s, samples.restart, position)
+    return replace(samples, position_m=position, position_shift_m=shift) if encoder.wraps.count else samples
+
+
+def blocks(recording: Ints, count: int) -> Ints:
+    """Return the number of the block of each sample, (n,): `count` of about equal length, none over two recordings.
+
+    >>> blocks(np.array([0, 0, 0, 0, 0, 0, 1, 1]), 4).tolist()
+    [0, 0, 1, 1, 2, 2, 3, 3]
+    """
+    sizes = np.bincount(recording)
+    number: list[Ints] = []
+    first = 0
+    for size in sizes[sizes > 0]:
+        own = max(1, round(count * float(size) / recording.size))
+        edges = np.linspace(0, size, own + 1).astype(np.int64)
+        number.append(np.repeat(np.arange(first, first + own), np.diff(edges)))
+        first += own
+    return np.concatenate(number)
+
+
+def stroke_periods(time_s: Floats, turns: Ints) -> tuple[float, ...]:
+    """Return lengths of two strokes that at least three cycles share within 2 %, longest first.
+
+    For drives that keep a rhythm and do not repeat within it, such as strokes with pauses of changing length.
+    """
     if turns.size < 4:
         return ()
     spans = time_s[turns[2:]] - time_s[turns[:-2]]

@@ -15,7 +15,7 @@ from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.effects.base import EFFECTS, Effect
 from friction_estimator.effects.detection import DataView, Fault
-from friction_estimator.effects.features import Context, FeatureMaker
+from friction_estimator.effects.features import Context
 from friction_estimator.effects.scatter import lattice_step
 
 LEAST_LEFT = 0.3
@@ -54,7 +54,7 @@ def repaired(
             if moved is not record:
                 record, fit = moved, None
                 context = record.context(config, context.force_top_N)
-    if float(record.used.mean()) < LEAST_LEFT:
+    if record.used.sum() < LEAST_LEFT * (~record.standstill).sum():
         raise UnanswerableError("less than a third of the samples remain after masking faults: repair the sensor first")
     fit = fit or fit_base(record, config)
     return record, record.context(config, float(np.abs(fit.fitted_N).max())), found
@@ -125,10 +125,7 @@ def with_repair(record: Record, config: Config, fault: Fault) -> Record:
         if values is not None
     }
     if channels:
-        theory = config.theory
-        maker = FeatureMaker(theory.ambient_pressure, theory.default_pressure, theory.default_temperature)
-        samples = replace(record.samples, **channels)
-        record = replace(record, samples=samples, features=maker(samples))
+        record = record.with_channels(config, **channels)
     if fault.offset_N:
         record = record.with_force(record.friction_N - fault.offset_N, record.used)
     if fault.used is not None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.intake.strokes import REVERSAL_SHARE
 from friction_estimator.core.model.basis import basis_from_config
 from friction_estimator.core.model.structure import theory_scale
 from friction_estimator.core.model.theory import theory_from_config
@@ -123,7 +124,12 @@ class ExtensionTerms:
     def __init__(self, config: Config) -> None:
         self._specs = [parse_term(text) for text in config.extension.terms]
         theory = config.theory
-        self._make = FeatureMaker(theory.ambient_pressure, theory.default_pressure, theory.default_temperature)
+        self._make = FeatureMaker(
+            theory.ambient_pressure,
+            theory.default_pressure,
+            theory.default_temperature,
+            REVERSAL_SHARE * config.velocity_scale,
+        )
         self._reference = reference_from_config(config)
         self._running = RunningForce(self._reference)
         self._columns: list[Columns] = []

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numba import njit
 
-from friction_estimator.core.sample import Floats, Samples
+from friction_estimator.core.sample import Floats, Ints, Samples
 
 
 @dataclass(frozen=True)
@@ -51,16 +51,19 @@ class Features:
 
     Attributes
     ----------
-    time_s : since the first sample of all.
+    time_s : recorded time since the first sample of all; gaps and pauses are in it.
     step_s : time to the previous sample; 0 where the delay lines restart.
     velocity_m_s, previous_m_s : velocity at this sample and at the one before.
     acceleration_m_s2 : backward difference of second order, (3 v[k] - 4 v[k-1] + v[k-2]) / (2 dt).
     pressure_Pa : gauge pressure. temperature_degC : degree Celsius.
     position_m : recorded, else the integral of the velocity.
     distance_m : distance run since the first sample.
-    since_reversal_m, since_reversal_s : distance and time since the last reversal.
+    since_reversal_m, since_reversal_s : distance and time since the last reversal, noise about zero not counted as one.
     direction : -1, 0 (not moved yet) or 1.
     force_N : force of the fitted base model, its FIR included; zeros until a reference is known.
+    active_time_s : running time, in which a gap or pause counts as one sample period.
+    piece : number of the gap-free piece, from 0. recording : number of the recording, from 0; each may have an origin
+        of position and of phase of its own. A live node has one recording.
     """
 
     time_s: Floats
@@ -76,6 +79,9 @@ class Features:
     since_reversal_s: Floats
     direction: Floats
     force_N: Floats
+    active_time_s: Floats
+    piece: Ints
+    recording: Ints
 
     @property
     def size(self) -> int:
@@ -90,63 +96,119 @@ class Features:
         return Features(*(getattr(self, f.name)[part] for f in fields(self)))
 
 
-STATE = 9
+(
+    BEFORE,
+    BEFORE_THAT,
+    STAMP,
+    POSITION,
+    DISTANCE,
+    RUN_M,
+    RUN_S,
+    WAY,
+    SAMPLES,
+    SIDE,
+    NEW_M,
+    NEW_S,
+    ACTIVE,
+    USUAL_STEP,
+    PIECES,
+) = range(15)
+"""Places in the state: the last two velocities, the last stamp, position, distance, distance and time since the last
+reversal, direction now, samples since a restart, direction of the stroke, distance and time since what may be a
+reversal, running time, the last step, and pieces."""
+
+STATE = 15
 
 
 @njit(cache=True)
-def _features(stamp_s, velocity, restart, state, step, previous, acceleration, position, distance, run_m, run_s, way):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Fill the features; state = [v1, v2, last stamp, position, distance, d_rev, t_rev, direction, samples]."""
+def _features(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    stamp_s,
+    velocity,
+    restart,
+    level,
+    state,
+    step,
+    previous,
+    acceleration,
+    position,
+    distance,
+    run_m,
+    run_s,
+    way,
+    active,
+    piece,
+):
+    """Fill the features.
+
+    A change of sign may be a reversal or noise. Until the velocity has reached `level` on the new side both counts go
+    on, and each sample shows that of the side it is on: so the first samples of a stroke are known at once, and
+    nothing is forgotten where velocity goes back.
+    """
     for k in range(velocity.size):
         v = velocity[k]
-        if restart[k] or state[8] == 0.0:
-            state[0] = v
-            state[1] = v
-            state[2] = stamp_s[k]
-            state[8] = 0.0
-            if state[7] == 0.0:
-                state[5] = np.inf
-                state[6] = np.inf
-        dt = stamp_s[k] - state[2]
-        v1 = state[0]
+        if restart[k] or state[SAMPLES] == 0.0:
+            state[BEFORE] = v
+            state[BEFORE_THAT] = v
+            state[STAMP] = stamp_s[k]
+            state[SAMPLES] = 0.0
+            if state[SIDE] == 0.0:
+                state[RUN_M] = np.inf
+                state[RUN_S] = np.inf
+            if state[PIECES] > 0.0:
+                state[ACTIVE] += state[USUAL_STEP]
+            state[PIECES] += 1.0
+        dt = stamp_s[k] - state[STAMP]
+        v1 = state[BEFORE]
         if dt > 0.0:
-            if state[8] >= 2.0:
-                acceleration[k] = (3.0 * v - 4.0 * v1 + state[1]) / (2.0 * dt)
+            if state[SAMPLES] >= 2.0:
+                acceleration[k] = (3.0 * v - 4.0 * v1 + state[BEFORE_THAT]) / (2.0 * dt)
             else:
                 acceleration[k] = (v - v1) / dt
+            state[ACTIVE] += dt
+            state[USUAL_STEP] = dt
         else:
             acceleration[k] = 0.0
         step[k] = dt
         previous[k] = v1
+        turned = v != 0.0 and state[WAY] != 0.0 and (v > 0.0) != (state[WAY] > 0.0)
         if v1 * v < 0.0:
             part = v1 / (v1 - v)
             before = 0.5 * abs(v1) * dt * part
-            after = 0.5 * abs(v) * dt * (1.0 - part)
-            state[5] = after
-            state[6] = dt * (1.0 - part)
-            state[4] += before + after
+            after_m, after_s = 0.5 * abs(v) * dt * (1.0 - part), dt * (1.0 - part)
+            moved = before + after_m
         else:
             moved = 0.5 * abs(v1 + v) * dt
-            if v != 0.0 and state[7] != 0.0 and (v > 0.0) != (state[7] > 0.0):
-                state[5] = moved
-                state[6] = dt
-            else:
-                state[5] += moved
-                state[6] += dt
-            state[4] += moved
-        state[3] += 0.5 * (v1 + v) * dt
+            after_m, after_s = moved, dt
+        state[DISTANCE] += moved
+        state[RUN_M] += moved
+        state[RUN_S] += dt
         if v > 0.0:
-            state[7] = 1.0
+            state[WAY] = 1.0
         elif v < 0.0:
-            state[7] = -1.0
-        position[k] = state[3]
-        distance[k] = state[4]
-        run_m[k] = state[5]
-        run_s[k] = state[6]
-        way[k] = state[7]
-        state[1] = v1
-        state[0] = v
-        state[2] = stamp_s[k]
-        state[8] += 1.0
+            state[WAY] = -1.0
+        if state[SIDE] != 0.0 and state[WAY] != state[SIDE]:
+            if turned:
+                state[NEW_M], state[NEW_S] = after_m, after_s
+            else:
+                state[NEW_M] += moved
+                state[NEW_S] += dt
+            if abs(v) > level:
+                state[SIDE], state[RUN_M], state[RUN_S] = state[WAY], state[NEW_M], state[NEW_S]
+            run_m[k], run_s[k] = state[NEW_M], state[NEW_S]
+        else:
+            if abs(v) > level:
+                state[SIDE] = state[WAY]
+            run_m[k], run_s[k] = state[RUN_M], state[RUN_S]
+        state[POSITION] += 0.5 * (v1 + v) * dt
+        position[k] = state[POSITION]
+        distance[k] = state[DISTANCE]
+        way[k] = state[WAY]
+        active[k] = state[ACTIVE]
+        piece[k] = np.int64(state[PIECES]) - 1
+        state[BEFORE_THAT] = v1
+        state[BEFORE] = v
+        state[STAMP] = stamp_s[k]
+        state[SAMPLES] += 1.0
 
 
 class FeatureMaker:
@@ -157,12 +219,16 @@ class FeatureMaker:
     ambient_pressure, default_pressure : Pa; taken off the recorded absolute pressure, and the gauge pressure that holds
         where none is recorded.
     default_temperature : degree Celsius.
+    reversal_speed : speed that both strokes about a reversal reach (see `core.intake.strokes`), m/s.
     """
 
-    def __init__(self, ambient_pressure: float, default_pressure: float, default_temperature: float) -> None:
+    def __init__(
+        self, ambient_pressure: float, default_pressure: float, default_temperature: float, reversal_speed: float = 0.0
+    ) -> None:
         self._ambient = ambient_pressure
         self._pressure = default_pressure
         self._temperature = default_temperature
+        self._reversal_speed = reversal_speed
         self.restart()
 
     def restart(self) -> None:
@@ -177,11 +243,13 @@ class FeatureMaker:
             self._first_ns = int(samples.stamp_ns[0])
         # Whole nanoseconds are subtracted before they become floating point.
         time: Floats = np.asarray((samples.stamp_ns - (self._first_ns or 0)) * 1e-9, np.float64)
-        step, previous, acceleration, position, distance, run_m, run_s, way = (np.zeros(n) for _ in range(8))
+        step, previous, acceleration, position, distance, run_m, run_s, way, active = (np.zeros(n) for _ in range(9))
+        piece = np.zeros(n, np.int64)
         _features(
             time,
             samples.velocity_m_s,
             samples.restart,
+            self._reversal_speed,
             self._state,
             step,
             previous,
@@ -191,6 +259,8 @@ class FeatureMaker:
             run_m,
             run_s,
             way,
+            active,
+            piece,
         )
         pressure: Floats = np.asarray(_held(samples.pressure_Pa, n, self._pressure + self._ambient) - self._ambient)
         temperature = _held(samples.temperature_degC, n, self._temperature)
@@ -210,6 +280,9 @@ class FeatureMaker:
             run_s,
             way,
             np.zeros(n),
+            active,
+            piece,
+            np.zeros(n, np.int64),
         )
 
 

@@ -1,0 +1,140 @@
+"""The record of a diagnosis: time, place, pieces, standstill; and the same features live."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from friction_estimator.core.intake.encoder import wraps_undone
+from friction_estimator.core.sample import NS_PER_S, Samples
+from friction_estimator.core.settings.config import Config
+from friction_estimator.diagnosis.excitation import assess
+from friction_estimator.diagnosis.floor import pairs
+from friction_estimator.diagnosis.record import blocks, build_record
+from friction_estimator.effects.features import FeatureMaker
+
+RATE_HZ = 100
+
+
+def recorded(seconds=60.0, period_s=4.0, noise=0.0, pauses=(), origin=0.0, seed=0):
+    """A sine with a position; `pauses` are (at, for) in s, over which nothing was recorded and the shaft stood."""
+    t = np.arange(int(seconds * RATE_HZ)) / RATE_HZ
+    v = np.sin(2 * np.pi * t / period_s)
+    x = origin + (1.0 - np.cos(2 * np.pi * t / period_s)) * period_s / (2 * np.pi)
+    time = t.copy()
+    restart = t == 0.0
+    for at, span in pauses:
+        time[t >= at] += span
+        restart |= t == t[t >= at][0]
+    shown = v + noise * np.random.default_rng(seed).standard_normal(t.size)
+    stamps = 1 + np.round(time * NS_PER_S).astype(np.int64)
+    return Samples(stamps, shown, np.sign(v) + 0.5 * v, restart, position_m=x)
+
+
+def test_gaps_are_recorded_time_and_no_running_time():
+    record = build_record([recorded(pauses=((20.0, 30.0), (40.0, 5.0)))], Config())
+    f = record.features
+    assert f.time_s[-1] == pytest.approx(60.0 + 35.0, abs=0.02)
+    assert f.active_time_s[-1] == pytest.approx(60.0, abs=0.02)
+    assert np.all(np.diff(f.active_time_s) > 0.0)
+    assert f.piece[0] == 0
+    assert f.piece[-1] == 2
+    assert record.periods_s == pytest.approx((4.0,), rel=0.01)
+    assert any("2 gaps or pauses of 35" in note for note in assess(record, record.context(Config(), 1.0)).notes)
+
+
+def test_recordings_keep_their_origins_and_blocks():
+    record = build_record([recorded(20.0), recorded(40.0, origin=7.0)], Config())
+    f = record.features
+    assert np.unique(f.recording).tolist() == [0, 1]
+    np.testing.assert_array_equal(f.recording, record.recording)
+    assert f.position_m[-1] > 6.9
+    assert record.context(Config(), 1.0).stroke_m == pytest.approx(4.0 / np.pi, rel=0.01)
+    for number in range(record.blocks):
+        assert np.unique(record.recording[record.block == number]).size == 1
+    first, second = pairs(record)
+    assert first.size > 1000
+    np.testing.assert_array_equal(record.recording[first], record.recording[second])
+
+
+def test_blocks_are_increasing_and_complete():
+    recording = np.repeat([0, 1, 2], [500, 20, 80])
+    number = blocks(recording, 12)
+    assert np.unique(number).tolist() == list(range(int(number[-1]) + 1))
+    assert set(np.diff(number).tolist()) <= {0, 1}
+
+
+def test_noise_about_zero_resets_nothing():
+    """Stops on the way and goes on; then turns back. Noise is a hundredth of the speed."""
+    v = np.repeat([1.0, 0.0, 1.0, 0.0, -1.0], 200) + 0.01 * np.random.default_rng(0).standard_normal(1000)
+    stamps = 1 + np.arange(1000, dtype=np.int64) * 10_000_000
+    f = FeatureMaker(0.0, 0.0, 20.0, 0.05)(Samples(stamps, v, v, np.arange(1000) == 0))
+    assert np.isinf(f.since_reversal_s[200:600][f.direction[200:600] > 0]).all(), "it only stood"
+    assert np.isinf(f.since_reversal_s[400:600]).all()
+    assert f.since_reversal_s[-1] == pytest.approx(2.0, abs=0.1)
+    assert f.since_reversal_m[-1] == pytest.approx(2.0, rel=0.01)
+    assert 0.0 < f.since_reversal_s[801] < 0.1, "the first samples of a stroke are known at once"
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_features_are_the_same_piece_by_piece(seed):
+    samples = recorded(noise=0.02, pauses=((20.0, 30.0),), seed=seed)
+    whole = FeatureMaker(101325.0, 0.0, 54.0, 0.03)(samples)
+    make, rng, at = FeatureMaker(101325.0, 0.0, 54.0, 0.03), np.random.default_rng(seed), 0
+    parts = []
+    while at < len(samples):
+        count = int(rng.choice([1, 2, 300]))
+        parts.append(make(samples[at : at + count]))
+        at += count
+    for field in fields(whole):
+        np.testing.assert_array_equal(
+            np.concatenate([getattr(p, field.name) for p in parts]), getattr(whole, field.name)
+        )
+
+
+def test_standstill_is_masked_and_said():
+    samples = recorded()
+    rests = np.abs(samples.velocity_m_s) < 0.4
+    ramps = 0.9 * np.sin(np.arange(len(samples)) / 50.0)
+    stuck = replace(
+        samples,
+        velocity_m_s=np.where(rests, 0.0, samples.velocity_m_s),
+        friction_N=np.where(rests, ramps, samples.friction_N),
+        position_m=None,
+    )
+    record = build_record([stuck], Config())
+    np.testing.assert_array_equal(record.standstill, rests)
+    np.testing.assert_array_equal(record.used, ~rests)
+    assert any("stands for" in note for note in assess(record, record.context(Config(), 1.0)).notes)
+    assert not build_record([samples], Config()).standstill.any()
+
+
+def test_a_wrapped_position_is_unwrapped_for_callers_without_an_intake_and_noted():
+    samples = recorded(period_s=20.0)
+    wrapped = replace(samples, position_m=(samples.position_m + 1.0) % 3.0)
+    record = build_record([wrapped, wrapped], Config())
+    count = np.count_nonzero(np.abs(np.diff(wrapped.position_m)) > 1.5)
+    assert wraps_undone(record.samples).count == 2 * count
+    assert np.ptp(record.features.position_m[:6000] - samples.position_m) < 0.02
+    notes = assess(record, record.context(Config(), 1.0)).notes
+    assert any(f"wrapped {2 * count} times by 3" in note for note in notes)
+
+
+def test_one_direction_is_said():
+    samples = recorded()
+    record = build_record([replace(samples, velocity_m_s=2.0 + samples.velocity_m_s, position_m=None)], Config())
+    found = assess(record, record.context(Config(), 1.0))
+    assert any("one direction only" in warning for warning in found.warnings)
+    assert record.periods_s == pytest.approx((4.0,), rel=0.01)
+
+
+def test_repaired_channels_keep_masks():
+    record = build_record([recorded()], Config())
+    used = record.used.copy()
+    used[100:200] = False
+    again = record.with_force(record.friction_N + 1.0, used).with_channels(
+        Config(), velocity_m_s=2.0 * record.samples.velocity_m_s
+    )
+    np.testing.assert_array_equal(again.used, used)
+    np.testing.assert_array_equal(again.friction_N, record.friction_N + 1.0)
+    assert again.reversal_speed_m_s == pytest.approx(2.0 * record.reversal_speed_m_s)
