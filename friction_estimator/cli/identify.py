@@ -12,6 +12,7 @@ from friction_estimator.cli.recorded import Session, add_run_options, load, tell
 from friction_estimator.cli.replay import judged, summarise
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.fit.batch import BatchFit, fit_batch
+from friction_estimator.core.intake.standstill import standstill
 from friction_estimator.core.metrics import nrmse
 from friction_estimator.core.online.adaptation import LAWS
 from friction_estimator.core.online.estimator import Estimator
@@ -53,7 +54,8 @@ def run(args: argparse.Namespace) -> int:
     tell_units(output, session.config, config)
     begin = time.perf_counter()
     with common.progress("fitting", len(samples)) as advance:
-        fit = fit_batch(samples, config, extension_from_config(config), use=learned)
+        in_motion = learned & ~standstill(samples, config.velocity_scale)
+        fit = fit_batch(samples, config, extension_from_config(config), use=in_motion)
         advance(len(samples))
     seconds = time.perf_counter() - begin
     result = judged(session, _as_replay(session, config, fit, learned, seconds))
