@@ -8,7 +8,7 @@ from friction_estimator.core.intake.encoder import Encoder, wraps_undone
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import Effect, Key, Words, effect, form_key
 from friction_estimator.effects.detection import COMPLETELY, DIVIDED, SMOOTHED, DataView, Fault
-from friction_estimator.effects.scatter import MAD, SMOOTHING, noise_under, smoothed
+from friction_estimator.effects.scatter import MAD, SMOOTHING, held_levels, noise_under, smoothed
 from friction_estimator.effects.trace import Trace
 
 LEAST_SHARE = 0.004
@@ -31,11 +31,6 @@ BELIEVED = 0.25
 
 NOISE_SHARE = 0.3
 """Of the rms velocity: a channel that scatters by more shows no velocity, and is no noisy one."""
-
-PRESSURE_CYCLE_SHARE = 0.05
-"""Of the shortest period: the window over which a noisy pressure is smoothed."""
-
-SHORTEST_WINDOW, LONGEST_WINDOW = 5, 101
 
 
 @effect
@@ -286,14 +281,12 @@ class PressureNoise(Effect):
         power = deviation**2 * float(np.mean(np.square(view.pressure_slope[view.used])))
         if power < LEAST_SHARE * float(np.mean(np.square(view.residual_N[view.used]))):
             return None
-        usual = PRESSURE_CYCLE_SHARE * min(view.context.periods_s, default=WITHOUT_PERIOD_S) / view.context.step_s
-        window = 2 * (int(np.clip(usual, SHORTEST_WINDOW, LONGEST_WINDOW)) // 2) + 1
         return Fault(
             cls.name,
             f"the pressure scatters by {deviation:.3g} Pa from sample to sample",
             {"deviation": (deviation, "Pa", low, high)},
             SMOOTHED,
-            pressure_Pa=smoothed(pressure, view.restart, window, 1),
+            pressure_Pa=held_levels(pressure, view.restart, deviation),
             power_N2=power,
         )
 

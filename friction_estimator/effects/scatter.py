@@ -3,10 +3,11 @@
 from itertools import pairwise
 
 import numpy as np
+from scipy.ndimage import median_filter, uniform_filter1d
 from scipy.signal import savgol_filter
 from scipy.stats import t as student
 
-from friction_estimator.core.sample import Bools, Floats
+from friction_estimator.core.sample import Bools, Floats, Ints
 from friction_estimator.effects.detection import DataView
 from friction_estimator.effects.features import Features
 
@@ -21,10 +22,16 @@ SMOOTHING = 9
 
 FEWEST_DIFFERENCES = 100
 
+WINDOWS = (5, 11, 25, 51, 101, 201)
+"""Samples of running medians."""
+
+LOCAL, FAR_OFF = 11, 4.5
+"""Samples over which the mean of what was taken off is judged, and deviations that it may have."""
+
 SHORTENED = 0.02
 """Relative: what shortening the largest differences takes off the deviation of coloured noise."""
 
-AT_REST = 0.01
+AT_REST = 2e-3
 """Share of the top speed below which the shaft may be standing."""
 
 
@@ -58,6 +65,12 @@ def lattice_interval(values: Floats, step: float) -> tuple[float, float, float]:
     spread = float(np.sqrt(rest @ rest / max(rest.size - 2, 1) / energy))
     reach = float(student.ppf(0.975, max(rest.size - 2, 1))) * spread + 1e-9 * fitted
     return fitted, fitted - reach, fitted + reach
+
+
+def moving_share(view: DataView, start: Ints, stop: Ints) -> Floats:
+    """Return for each run of samples the share in which the shaft moves on, (runs,)."""
+    total = np.concatenate([[0.0], np.cumsum(moving(view))])
+    return np.asarray((total[stop] - total[start]) / np.maximum(stop - start, 1))
 
 
 def moving(view: DataView) -> Bools:
@@ -126,6 +139,24 @@ def noise_power(third: Floats) -> float:
     both = np.array([-30.0, 26.0, -16.0, 6.0, -1.0])
     fitted = np.linalg.lstsq(np.column_stack([white, both]), lags, rcond=None)[0]
     return float(max(fitted[0], 0.0))
+
+
+def held_levels(values: Floats, restart: Bools, deviation: float) -> Floats:
+    """Return the channel without noise of this deviation, (n,): running medians, which keep steps.
+
+    The window grows at each sample as long as what it takes off has no mean of its own there.
+    """
+    best = values.copy()
+    edges = np.append(np.flatnonzero(restart), values.size)
+    for a, b in pairwise(edges):
+        growing = np.ones(b - a, np.bool_)
+        for window in WINDOWS:
+            out = median_filter(values[a:b], window, mode="mirror")
+            off = np.abs(uniform_filter1d(values[a:b] - out, LOCAL, mode="mirror"))
+            # Noise of a moving average of two has twice the mean power of white noise.
+            growing &= off < FAR_OFF * deviation * np.sqrt(2.0 / LOCAL)
+            best[a:b] = np.where(growing, out, best[a:b])
+    return best
 
 
 def smoothed(values: Floats, restart: Bools, window: int, order: int) -> Floats:

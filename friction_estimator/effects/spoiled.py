@@ -6,11 +6,14 @@ from scipy.stats import binom
 from friction_estimator.core.sample import Bools, Ints
 from friction_estimator.effects.base import Effect, Key, Words, effect, form_key
 from friction_estimator.effects.detection import MASKED, DataView, Fault
-from friction_estimator.effects.scatter import MAD, local_scale, moving
+from friction_estimator.effects.scatter import MAD, local_scale, moving_share
 from friction_estimator.effects.trace import Trace
 
 LEAST_SHARE = 0.002
 """Of the error power: less is not worth a name."""
+
+MOVING = 0.5
+"""Share of a run in which the shaft must move on."""
 
 LONG_RUN = 5
 """Equal values in a row, one such run is enough among values that never recur."""
@@ -69,11 +72,15 @@ class Dropout(Effect):
         force, step, n = view.force_N, view.lattice_N, view.force_N.size
         same = np.zeros(n, np.bool_)
         same[1:] = (force[1:] == force[:-1]) & ~view.restart[1:]
-        same &= moving(view) & view.used
+        same &= view.used
         if not same.any():
             return None
         start = np.flatnonzero(same & ~np.concatenate([[False], same[:-1]]))
         stop = np.flatnonzero(same & ~np.concatenate([same[1:], [False]])) + 1
+        on = moving_share(view, start, stop) >= MOVING
+        start, stop = start[on], stop[on]
+        if not start.size:
+            return None
         length = stop - start
         fewest = 1 if int(length.max()) >= LONG_RUN else 2
         if step > 0.0:
