@@ -78,12 +78,11 @@ def literals_of(path):
 
 
 NAMELESS = [p for p in MODULES if room_of(p) in ("diagnosis", "report")]
-LISTED = pytest.mark.xfail(strict=True, reason="the rivals under one sine are still a list")
 
 
 @pytest.mark.parametrize(
     "path",
-    [pytest.param(p, marks=LISTED) if p.name == "words.py" else p for p in NAMELESS],
+    NAMELESS,
     ids=lambda p: str(p.relative_to(PACKAGE)),
 )
 def test_an_effect_is_named_in_its_class_only(path):

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis import streams
-from friction_estimator.diagnosis.base import OddCurve, fit_base
+from friction_estimator.diagnosis.base import fit_base
+from friction_estimator.diagnosis.base_problem import ALARM, OddCurve
 from friction_estimator.diagnosis.evidence import Evidence, Rule, folds_of, null_maximum
 from friction_estimator.diagnosis.excitation import pressure_order, speed_levels
 from friction_estimator.diagnosis.floor import noise_floor
@@ -116,9 +117,9 @@ def test_base_learns_the_clean_plant_to_the_noise(clean: Samples) -> None:
     record = build_record([clean], Config())
     fit = fit_base(record, Config())
     assert fit.residual_N.std() / np.sqrt(np.mean(clean.friction_N**2)) == pytest.approx(0.01, rel=0.05)
-    taps = np.concatenate([[1.0], fit.taps]) / (1.0 + fit.taps.sum())
+    taps = np.concatenate([[1.0], fit.effective_taps]) / (1.0 + fit.effective_taps.sum())
     assert taps[:3] == pytest.approx([0.8, 0.15, 0.05], abs=0.02)
-    assert fit.condition < 1.2
+    assert fit.coefficients.promise < ALARM
     assert noise_floor(record, fit.residual_N) == pytest.approx(fit.residual_N.std(), rel=0.08)
 
 

@@ -99,14 +99,14 @@ def _load(bag: str, args: argparse.Namespace, config: Config, output: common.Out
 
 def _write(folder: Path, result: Any, config: Config, bags: list[str]) -> tuple[dict[str, str], str | None]:
     """Write the extended model and the figures; return effect id -> file and the model's file."""
-    from friction_estimator.diagnosis.extend import extended_config  # noqa: PLC0415
+    from friction_estimator.diagnosis.extend import extended_config, is_offered  # noqa: PLC0415
     from friction_estimator.files import atomic_path, write_config  # noqa: PLC0415
     from friction_estimator.report.diagnosis_figures import write_diagnosis_figures  # noqa: PLC0415
 
     extended = None
-    if result.verdict != "undecidable":
+    if is_offered(result):
         target = folder / "extended.yaml"
-        names = ", ".join(found.name for found in result.effects) or "no effect"
+        names = ", ".join(found.name for found in (*result.effects, *result.faults))
         write_config(
             target,
             extended_config(result, config),

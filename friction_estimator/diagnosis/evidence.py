@@ -82,6 +82,7 @@ class Evidence:
         self.samples = int(used.sum())
         self.folds = folds_of(self.blocks, seed)
         self._seed = seed
+        self._solved: dict[bytes, tuple[Floats, Floats]] = {}
 
     def _parts(self, values: NDArray[Any]) -> list[NDArray[Any]]:
         return [values[a:b] for a, b in zip(self._edges[:-1], self._edges[1:], strict=True)]
@@ -124,10 +125,9 @@ class Evidence:
     def fit(self, moments: Moments, rule: Rule, rows: Bools | None = None) -> Fit:
         """Fit base and hypothesis jointly on the chosen blocks (default all)."""
         rows = np.ones(self.blocks, np.bool_) if rows is None else rows
-        zz = self.zz[rows].sum(0) + np.diag(self.penalty)
-        ze, zx = self.ze[rows].sum(0), moments.zx[rows].sum(0)
-        solved = np.linalg.solve(_stable(zz), np.column_stack([ze, zx]))
-        alone, through = solved[:, 0], solved[:, 1:]
+        inverse, alone = self._known(rows)
+        zx = moments.zx[rows].sum(0)
+        through = inverse @ zx
         xx = moments.xx[rows].sum(0)
         left = xx - zx.T @ through
         pull = moments.xe[rows].sum(0) - zx.T @ alone
@@ -149,8 +149,16 @@ class Evidence:
 
     def base_alone(self, rows: Bools) -> Floats:
         """Return the change of the base's coefficients fitted on these blocks, (q,)."""
-        zz = self.zz[rows].sum(0) + np.diag(self.penalty)
-        return np.asarray(np.linalg.solve(_stable(zz), self.ze[rows].sum(0)))
+        return self._known(rows)[1]
+
+    def _known(self, rows: Bools) -> tuple[Floats, Floats]:
+        """Return the inverse of Z'Z and the base's own change on these blocks; each is formed once."""
+        key = rows.tobytes()
+        if key not in self._solved:
+            zz, ze = self.zz[rows].sum(0) + np.diag(self.penalty), self.ze[rows].sum(0)
+            inverse: Floats = np.asarray(np.linalg.inv(_stable(zz)), np.float64)
+            self._solved[key] = inverse, np.asarray(inverse @ ze)
+        return self._solved[key]
 
     def loss(self, base: Floats, weights: Floats | None, moments: Moments | None, rows: Bools) -> Floats:
         """Return the error power of each of these blocks, (n_rows,), N^2."""

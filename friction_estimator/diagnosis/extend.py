@@ -7,14 +7,24 @@ from friction_estimator.core.model.structure import theory_scale
 from friction_estimator.core.sample import Floats
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import chosen
-from friction_estimator.diagnosis.base import BEND, BaseFit
-from friction_estimator.diagnosis.diagnose import Diagnosis
+from friction_estimator.diagnosis.base import BaseFit
+from friction_estimator.diagnosis.base_problem import BEND
 from friction_estimator.diagnosis.joint import Joint
+from friction_estimator.diagnosis.result import Diagnosis
 from friction_estimator.effects.base import EFFECTS
 from friction_estimator.effects.extension import TermSpec
 
 CURVE_POINTS = 3001
 RIDGE = 1e-7
+
+
+def is_offered(result: Diagnosis) -> bool:
+    """Return whether there is an extended model: terms that gain on held-out data, or a repair that it takes up."""
+    if any(EFFECTS[f.name].repairing_term(f) is not None for f in result.faults):
+        return True
+    if any(found.p_value is None for found in result.effects):
+        return True
+    return result.total_gain is not None and result.total_gain.low_percent > 0.0
 
 
 def extended_config(result: Diagnosis, config: Config) -> Config:
@@ -38,7 +48,7 @@ def extended_config(result: Diagnosis, config: Config) -> Config:
     }
     units = units.updated(structure)
     specs, weights = terms_of(model)
-    for finding in result.findings:
+    for finding in result.faults:
         effect = EFFECTS[finding.name]
         params = effect.repairing_term(finding)
         if params is not None:
@@ -54,8 +64,9 @@ def extended_config(result: Diagnosis, config: Config) -> Config:
     }
     if base.theory is not None:
         # The estimator's taps stand behind the scaled curve.
-        gain = base.theory_gain / theory_scale(units, base.theory)
-        learned["learned.theory_taps"] = tuple((gain * shape).tolist())
+        own = np.concatenate([[-base.own_lags.sum()], base.own_lags])
+        taps = (base.theory_gain * shape + own) / theory_scale(units, base.theory)
+        learned["learned.theory_taps"] = tuple(taps.tolist())
     return units.updated(learned)
 
 

@@ -1,16 +1,16 @@
-"""Base model and named effects fitted together: nonlinear parameters refined, tangent, held-out loss, intervals."""
+"""Base model and named effects fitted together: nonlinear parameters refined, tangent, held-out loss."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-from scipy.stats import t as student
 
-from friction_estimator.core.sample import Floats
-from friction_estimator.core.settings.config import Config
-from friction_estimator.diagnosis.base import SPLINES, BaseFit, fit_base, reference_of
-from friction_estimator.diagnosis.evidence import Evidence, folds_of
+from friction_estimator.core.sample import Bools, Floats
+from friction_estimator.diagnosis.base import BaseFit, reference_of
+from friction_estimator.diagnosis.base_problem import BaseProblem, Coefficients
+from friction_estimator.diagnosis.evidence import Evidence
+from friction_estimator.diagnosis.lagged import Extra
 from friction_estimator.diagnosis.library import columns_of, with_running_force
 from friction_estimator.diagnosis.products import inner
 from friction_estimator.diagnosis.record import Record
@@ -18,28 +18,36 @@ from friction_estimator.effects.base import Effect
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.reference import Reference
 
-ROUNDS = 3
-"""Rounds for a first comparison."""
+ROUNDS = 8
+SETTLED = 1e-3
+"""Most rounds of the joint fit, and the relative change of its parameters at which they end."""
 
-SETTLED_ROUNDS = 10
-SETTLED = 2e-3
-"""Rounds for what is reported, and the relative change of the parameters at which they end."""
+DAMPINGS = (1.0, 0.5, 0.25, 0.1)
+"""Shares of a Gauss-Newton step of the refined parameters that are tried, the first that descends is taken."""
 
 REFINE_EVALUATIONS = 14
 ZOOM_POINTS, ZOOM_LEVELS = 13, 3
 DERIVATIVE_STEP = 1e-3
-"""Relative step of a refined parameter in numerical derivatives."""
+"""Step of a refined parameter in numerical derivatives, as a share of the bracket in which it is sought."""
+
+JUMP_STEP = 4e-3
+"""The same for a parameter in which the columns jump: at least a sample must move."""
+
+SCAN_EVALUATIONS = 10
+SCANNED = (0.1, 0.3, 0.6, 1.0, 2.0, 4.0)
+"""Times of the whole force that are tried first, in samples."""
+
+MEMORY_MOVES = 6
+"""Most times that the base's memory is moved over into a time of the whole force."""
+
+NEIGHBOURS = (-1.0, -0.75, -0.5, -0.25, 0.25, 0.5, 0.75)
+"""Samples beside the end of that walk that are tried too."""
+
+LEFT_OVER = 0.8
+"""Mean delay of the memory left, in samples, from which a sample more is tried."""
 
 HELD = 1e12
 """Penalty of a tangent coefficient that must stay zero."""
-
-
-@dataclass(frozen=True)
-class Capacity:
-    """How fine the base model is: splines of the static curve, order of the FIR."""
-
-    splines: int
-    order: int
 
 
 @dataclass(frozen=True)
@@ -84,76 +92,284 @@ class Joint:
         return Evidence(self.tangent, self.penalty, self.residual_N, record.used, record.block, seed)
 
 
-def fit_joint(
-    record: Record,
-    config: Config,
-    context: Context,
-    terms: Sequence[Term] = (),
-    start: BaseFit | None = None,
-    rounds: int = ROUNDS,
-    capacity: Capacity | None = None,
-) -> Joint:
-    """Fit base and effects jointly.
+class JointFit:
+    """The joint fit of base and effects to one record, or to some of its blocks.
 
-    Alternates between the refinement of the nonlinear parameters, one at a time, with base and other effects
-    projected out, and a Gauss-Newton fit of base and coefficients; the reference curve follows.
+    An effect that is one time of the whole force changes the base's own columns; the others add columns beside it.
+
+    Parameters
+    ----------
+    problem : the base model on the record. context : facts about it. rows : (blocks,) bool, those that are
+        fitted (default all).
     """
-    capacity = capacity or Capacity(SPLINES, config.fir.order)
-    splines, order = capacity.splines, capacity.order
-    base = start or fit_base(record, config, splines=splines, order=order)
-    terms = list(terms)
-    best: tuple[float, BaseFit, list[Term], list[Floats], Reference, Features] | None = None
-    for number in range(rounds if terms else 1):
-        before = list(terms)
-        reference = reference_of(base, record, context.sign_velocity_m_s)
-        features = with_running_force(record.features, reference)
-        columns = [columns_of(t.effect, t.params, features, reference) for t in terms]
-        for i, term in enumerate(terms):
-            if term.effect.refined:
-                others = [c for k, c in enumerate(columns) if k != i]
-                settled = sum(
-                    (c[:, 0] for c, t in zip(others, _without(terms, i), strict=True) if t.effect.fixed_gain),
-                    np.zeros(features.size),
-                )
-                free = [c for c, t in zip(others, _without(terms, i), strict=True) if not t.effect.fixed_gain]
-                params = _refined(term, record, base, settled, free, features, reference, context)
-                terms[i] = replace(term, params=params)
-                columns[i] = columns_of(term.effect, params, features, reference)
-        fixed = sum(
-            (c[:, 0] for c, t in zip(columns, terms, strict=True) if t.effect.fixed_gain), np.zeros(features.size)
-        )
+
+    def __init__(self, problem: BaseProblem, context: Context, rows: Bools | None = None) -> None:
+        self._problem, self._context, self._rows = problem, context, rows
+        self._record = problem.record
+        self._used = self._record.used if rows is None else self._record.used & rows[self._record.block]
+        self._known: tuple[str, dict[str, float], BaseProblem] | None = None
+
+    def __call__(
+        self, terms: Sequence[Term] = (), start: Coefficients | None = None, rounds: int = ROUNDS, search: bool = True
+    ) -> Joint:
+        """Fit.
+
+        Parameters
+        ----------
+        terms : effects with their parameters to start from. start : an earlier fit of the base alone or with others.
+        rounds : most rounds. search : look for the last term's refined parameters over their whole bracket first.
+        """
+        terms = list(terms)
+        base = start if start is not None else self._problem.fit(rows=self._rows)
+        if not terms:
+            return self._finished(base, (), *self._reference(base, terms))
+        reference, features = self._reference(base, terms)
+        if search and terms[-1].effect.refined:
+            looked = self._scanned if terms[-1].effect.delays else self._searched
+            terms[-1] = replace(terms[-1], params=looked(terms, base, reference, features))
+        anchors = [{n: t.effect.bracket(n, t.params[n], self._context) for n in t.effect.refined} for t in terms]
+        columns = self._columns(terms, reference, features)
+        base = self._fitted(terms, columns, base)
+        terms = weighted(terms, columns, base.extra)
+        for _ in range(rounds):
+            reference, features = self._reference(base, terms)
+            before = terms
+            terms, columns, base = self._stepped(terms, base, reference, features, anchors)
+            if _largest_change(before, terms, anchors) < SETTLED:
+                break
+        return self._finished(base, terms, reference, features)
+
+    def _base(self, terms: Sequence[Term]) -> BaseProblem:
+        """Return the base model's problem with the whole force's time of these terms in it."""
+        term = next((t for t in terms if t.effect.delays), None)
+        if term is None:
+            return self._problem
+        if self._known is None or self._known[:2] != (term.name, term.params):
+            self._known = term.name, term.params, self._problem.with_whole(term.effect, term.params)
+        return self._known[2]
+
+    def _reference(self, base: Coefficients, terms: Sequence[Term]) -> tuple[Reference, Features]:
+        record = self._record
+        fit = BaseFit.of(self._base(terms), base)
+        reference = reference_of(fit, record, self._context.sign_velocity_m_s)
+        return reference, with_running_force(record.features, reference)
+
+    def _columns(self, terms: Sequence[Term], reference: Reference, features: Features) -> list[Floats]:
+        """Return the columns of each term, (n, c); none where the base itself is changed."""
+        none = np.zeros((features.size, 0))
+        return [none if t.effect.delays else columns_of(t.effect, t.params, features, reference) for t in terms]
+
+    def _fitted(self, terms: Sequence[Term], columns: Sequence[Floats], start: Coefficients) -> Coefficients:
+        """Fit base and coefficients for given columns."""
+        problem = self._base(terms)
+        products = problem.products
+        fixed = [c[:, 0] for c, t in zip(columns, terms, strict=True) if t.effect.fixed_gain and not t.effect.delays]
         free = [c for c, t in zip(columns, terms, strict=True) if not t.effect.fixed_gain]
-        moved = record.with_force(record.friction_N - fixed, record.used)
-        base = fit_base(moved, config, np.column_stack(free) if free else None, splines, order, base, 2)
-        terms = _weighted(terms, columns, base.extra_weights)
-        power = float(np.mean(np.square(base.residual_N[record.used])))
-        if best is None or power < best[0]:
-            best = power, base, list(terms), list(columns), reference, features
-        if number and _largest_change(before, terms) < SETTLED:
-            break
-    if best is not None:
-        # The alternation swings where base and effect can stand in for each other: the best round counts.
-        _, base, terms, columns, reference, features = best
-    return _finished(record, base, terms, columns, reference, features)
+        settled = np.sum(fixed, axis=0)[:, None] if fixed else None
+        extra = np.column_stack(free) if free else None
+        starts = [start, replace(start, taps=np.zeros(start.taps.size))] if problem is not self._problem else [start]
+        if settled is None or extra is None:
+            joined = None if extra is None else products.extra(extra)
+            still = None if settled is None else products.extra(settled)
+            return problem.fit(joined, still, self._rows, starts)
+        whole = products.extra(np.column_stack([extra, settled]))
+        c = extra.shape[1]
+        joined = Extra(whole.mx[:, :, :c], whole.xx[:, :c, :c], whole.xy[:, :c] - whole.xx[:, :c, c])
+        still = Extra(whole.mx[:, :, c:], whole.xx[:, c:, c:], whole.xy[:, c:])
+        return problem.fit(joined, still, self._rows, starts)
+
+    def _scanned(
+        self, terms: Sequence[Term], base: Coefficients, reference: Reference, features: Features
+    ) -> dict[str, float]:
+        """Return the parameters of a time of the whole force at which everything else fits best."""
+        effect, params = terms[-1].effect, dict(terms[-1].params)
+        name = effect.refined[0]
+        others = self._columns(terms[:-1], reference, features)
+        none = np.zeros((features.size, 0))
+
+        def fitted(value: float) -> Coefficients:
+            trial = [*terms[:-1], replace(terms[-1], params=params | {name: value})]
+            return self._fitted(trial, [*others, none], base)
+
+        step = self._context.step_s
+        tried = {share * step: fitted(share * step) for share in SCANNED}
+        # What the base's memory has taken up belongs to the whole force's time: moved over until none is left.
+        value, left = 0.0, base
+        for _ in range(MEMORY_MOVES):
+            more = self._problem.mean_delay(left) * step
+            if more <= 0.05 * max(value, step):
+                break
+            value += more
+            tried[value] = left = fitted(value)
+        # Beside whole samples more an FIR does as well: neighbours of the end of that walk.
+        near = [value + share * step for share in NEIGHBOURS] if value > step else []
+        tried |= {value: fitted(value) for value in near if value > 0.0}
+        points = sorted(tried)
+        best = min(points, key=lambda value: tried[value].cost)
+        place = points.index(best)
+        low, high = points[max(place - 1, 0)], points[min(place + 1, len(points) - 1)]
+        best = _bounded(lambda value: fitted(value).cost, low, high, best, tried[best].cost)
+        here = fitted(best)
+        while self._problem.mean_delay(here) > LEFT_OVER:
+            # One sample more and one sample less of memory fit nearly as well: a comb of minima, one sample apart.
+            other = _bounded(
+                lambda value: fitted(value).cost, best + 0.75 * step, best + 1.25 * step, best + step, np.inf
+            )
+            there = fitted(other)
+            if there.cost >= here.cost:
+                break
+            best, here = other, there
+        return params | {name: best}
+
+    def _searched(
+        self, terms: Sequence[Term], base: Coefficients, reference: Reference, features: Features
+    ) -> dict[str, float]:
+        """Return the last term's parameters with the refined ones at their best over their brackets, one by one.
+
+        Base and other effects are projected out in their tangent.
+        """
+        used = self._used
+        fit = BaseFit.of(self._base(terms), base)
+        others = self._columns(terms[:-1], reference, features)
+        alone = [t for t in terms[:-1] if not t.effect.delays]
+        fixed = [c[:, 0] for c, t in zip(others, terms, strict=False) if t in alone and t.effect.fixed_gain]
+        free = [c for c, t in zip(others, terms, strict=False) if t in alone and not t.effect.fixed_gain]
+        e = (self._record.friction_N - fit.fitted_N - (np.sum(fixed, axis=0) if fixed else 0.0))[used]
+        z = np.column_stack([fit.tangent, *free])[used]
+        norm = np.maximum(np.sqrt(np.mean(np.square(z), axis=0)), 1e-300)
+        z = z / norm
+        penalty = np.concatenate([fit.penalty, np.zeros(z.shape[1] - fit.penalty.size)]) + 1e-9 * len(z)
+        inverse = np.linalg.inv(inner(z, z) + np.diag(penalty))
+        ze = inner(z, e)
+        effect, params = terms[-1].effect, dict(terms[-1].params)
+
+        def loss(name: str, value: float) -> float:
+            x = columns_of(effect, params | {name: value}, features, reference)[used]
+            zx, xx = inner(z, x), inner(x, x)
+            left = xx - zx.T @ inverse @ zx
+            pull = inner(x, e) - zx.T @ inverse @ ze
+            if effect.fixed_gain:
+                return float(left[0, 0] - 2.0 * pull[0])
+            left = left + np.diag(1e-9 * np.maximum(np.diag(xx), 1e-300))
+            return -float(pull @ np.linalg.solve(left, pull))
+
+        for name in effect.refined:
+            low, high = effect.bracket(name, params[name], self._context)
+            if name in effect.steps:
+                params[name] = _zoom(lambda v, n=name: loss(n, v), low, high)  # type: ignore[misc]
+            else:
+                found = minimize_scalar(
+                    lambda u, n=name: loss(n, float(np.exp(u))),
+                    bounds=(np.log(low), np.log(high)),
+                    method="bounded",
+                    options={"maxiter": REFINE_EVALUATIONS, "xatol": 1e-4 * (np.log(high) - np.log(low))},
+                )
+                params[name] = float(np.exp(found.x))
+        return params
+
+    def _stepped(
+        self,
+        terms: list[Term],
+        base: Coefficients,
+        reference: Reference,
+        features: Features,
+        anchors: Sequence[Mapping[str, tuple[float, float]]],
+    ) -> tuple[list[Term], list[Floats], Coefficients]:
+        """Return terms, columns and base after one Gauss-Newton step of all refined parameters that descends.
+
+        Parameters in which the columns jump stay where the search has put them.
+        """
+        columns = self._columns(terms, reference, features)
+        here = self._fitted(terms, columns, base)
+        terms = weighted(terms, columns, here.extra)
+        places = [(i, n) for i, t in enumerate(terms) for n in t.effect.refined if n not in t.effect.steps]
+        if not places:
+            return terms, columns, here
+        fit = BaseFit.of(self._base(terms), here)
+        used = self._used
+        slopes = [self._slope(terms, i, name, columns[i], fit, features, reference) for i, name in places]
+        parts = sum((c @ t.weights for c, t in zip(columns, terms, strict=True) if c.size), np.zeros(features.size))
+        e = (self._record.friction_N - fit.fitted_N - parts)[used]
+        free = [c for c, t in zip(columns, terms, strict=True) if not t.effect.fixed_gain]
+        z = np.column_stack([fit.tangent, *free, *slopes])[used]
+        norm = np.maximum(np.sqrt(np.mean(np.square(z), axis=0)), 1e-300)
+        z = z / norm
+        penalty = np.concatenate([fit.penalty, np.zeros(z.shape[1] - fit.penalty.size)]) + 1e-9 * len(z)
+        delta = np.linalg.solve(inner(z, z) + np.diag(penalty), inner(z, e)) / norm
+        steps = delta[delta.size - len(places) :]
+        for share in DAMPINGS:
+            trial = list(terms)
+            for (i, name), step in zip(places, steps, strict=True):
+                value = float(np.clip(trial[i].params[name] + share * step, *anchors[i][name]))
+                trial[i] = replace(trial[i], params=trial[i].params | {name: value})
+            other = self._columns(trial, reference, features)
+            there = self._fitted(trial, other, here)
+            if there.cost < here.cost:
+                return weighted(trial, other, there.extra), other, there
+        return terms, columns, here
+
+    def _slope(
+        self,
+        terms: Sequence[Term],
+        i: int,
+        name: str,
+        column: Floats,
+        fit: BaseFit,
+        features: Features,
+        reference: Reference,
+    ) -> Floats:
+        """Return d force / d parameter, (n,), by a difference."""
+        term = terms[i]
+        low, high = term.effect.bracket(name, term.params[name], self._context)
+        step = (JUMP_STEP if name in term.effect.steps else DERIVATIVE_STEP) * (high - low)
+        if step <= 0.0:
+            return np.zeros(features.size)
+        params = term.params | {name: term.params[name] + step}
+        if term.effect.delays:
+            other = self._problem.with_whole(term.effect, params)
+            return (BaseFit.of(other, fit.coefficients).fitted_N - fit.fitted_N) / step
+        moved = columns_of(term.effect, params, features, reference)
+        return np.asarray((moved - column) @ term.weights / step)
+
+    def _finished(self, base: Coefficients, terms: Sequence[Term], reference: Reference, features: Features) -> Joint:
+        """Assemble the result with the tangent of the whole model."""
+        record = self._record
+        fit = BaseFit.of(self._base(terms), base)
+        columns = self._columns(terms, reference, features)
+        parts, residual = [], record.friction_N - fit.fitted_N
+        for column, term in zip(columns, terms, strict=True):
+            if term.effect.delays:
+                parts.append(fit.fitted_N - BaseFit.of(self._problem, base).fitted_N)
+            else:
+                parts.append(column @ term.weights)
+                residual = residual - parts[-1]
+        tangents, scales = [fit.tangent], [np.ones(fit.tangent.shape[1])]
+        held: list[Floats] = []
+        usual = 1e-12 * self._problem.scale
+        for i, (term, column) in enumerate(zip(terms, columns, strict=True)):
+            slopes = [] if term.effect.fixed_gain else [column]
+            slopes += [
+                self._slope(terms, i, name, column, fit, features, reference)[:, None]
+                for name in term.effect.refined
+                if term.params[name] != 0.0
+            ]
+            if not slopes:
+                continue
+            block = np.column_stack(slopes)
+            norm = np.sqrt(np.mean(np.square(block), axis=0))
+            shown = norm > usual
+            # A parameter that changes nothing here (a step between two samples) is held where it is.
+            tangents.append(np.where(shown, block / np.where(shown, norm, 1.0), 0.0))
+            scales.append(np.where(shown, 1.0 / np.where(shown, norm, 1.0), 0.0))
+            held.append(np.where(shown, 0.0, HELD))
+        penalty = np.concatenate([fit.penalty, *held])
+        tangent = np.column_stack(tangents)
+        return Joint(
+            fit, tuple(terms), reference, features, tuple(parts), residual, tangent, penalty, np.concatenate(scales)
+        )
 
 
-def _largest_change(before: Sequence[Term], terms: Sequence[Term]) -> float:
-    """Return the largest relative change of a refined parameter, or of a term's coefficients."""
-    pairs = [(o.params[n], t.params[n]) for o, t in zip(before, terms, strict=True) for n in t.effect.refined]
-    steps = [abs(new - old) / max(abs(old), 1e-300) for old, new in pairs]
-    for old, new in zip(before, terms, strict=True):
-        if old.weights.shape != new.weights.shape:
-            return np.inf
-        size = float(np.linalg.norm(new.weights)) or 1.0
-        steps.append(float(np.linalg.norm(new.weights - old.weights)) / size)
-    return max(steps, default=0.0)
-
-
-def _without(terms: Sequence[Term], index: int) -> list[Term]:
-    return [t for k, t in enumerate(terms) if k != index]
-
-
-def _weighted(terms: Sequence[Term], columns: Sequence[Floats], weights: Floats) -> list[Term]:
+def weighted(terms: Sequence[Term], columns: Sequence[Floats], weights: Floats) -> list[Term]:
     """Hand the fitted coefficients out to the terms; those of fixed gain have coefficient one."""
     place, out = 0, []
     for term, column in zip(terms, columns, strict=True):
@@ -165,50 +381,27 @@ def _weighted(terms: Sequence[Term], columns: Sequence[Floats], weights: Floats)
     return out
 
 
-def _refined(
-    term: Term,
-    record: Record,
-    base: BaseFit,
-    settled: Floats,
-    free: Sequence[Floats],
-    features: Features,
-    reference: Reference,
-    context: Context,
-) -> dict[str, float]:
-    """Return the term's parameters with the refined ones at their best, the others' columns projected out."""
-    used = record.used
-    z = np.column_stack([base.tangent, *free])[used]
-    norm = np.maximum(np.sqrt(np.mean(np.square(z), axis=0)), 1e-300)
-    z = z / norm
-    penalty = np.concatenate([base.penalty, np.zeros(z.shape[1] - base.penalty.size)]) + 1e-9 * len(z)
-    e = (record.friction_N - base.fitted_N - settled)[used]
-    inverse = np.linalg.inv(inner(z, z) + np.diag(penalty))
-    ze = inner(z, e)
-    params = dict(term.params)
+def _largest_change(
+    before: Sequence[Term], terms: Sequence[Term], anchors: Sequence[Mapping[str, tuple[float, float]]]
+) -> float:
+    """Return the largest change of a refined parameter, over its bracket, or of a term's coefficients."""
+    steps = []
+    for old, new, bracket in zip(before, terms, anchors, strict=True):
+        steps += [abs(new.params[n] - old.params[n]) / max(high - low, 1e-300) for n, (low, high) in bracket.items()]
+        size = float(np.linalg.norm(new.weights)) or 1.0
+        steps.append(float(np.linalg.norm(new.weights - old.weights)) / size)
+    return max(steps, default=0.0)
 
-    def loss(name: str, value: float) -> float:
-        x = columns_of(term.effect, params | {name: value}, features, reference)[used]
-        zx, xx = inner(z, x), inner(x, x)
-        left = xx - zx.T @ inverse @ zx
-        pull = inner(x, e) - zx.T @ inverse @ ze
-        if term.effect.fixed_gain:
-            return float(left[0, 0] - 2.0 * pull[0])
-        left = left + np.diag(1e-9 * np.maximum(np.diag(xx), 1e-300))
-        return -float(pull @ np.linalg.solve(left, pull))
 
-    for name in term.effect.refined:
-        low, high = term.effect.bracket(name, params[name], context)
-        if name in term.effect.steps:
-            params[name] = _zoom(lambda v, n=name: loss(n, v), low, high)  # type: ignore[misc]
-        else:
-            found = minimize_scalar(
-                lambda u, n=name: loss(n, float(np.exp(u))),
-                bounds=(np.log(low), np.log(high)),
-                method="bounded",
-                options={"maxiter": REFINE_EVALUATIONS, "xatol": 1e-4 * (np.log(high) - np.log(low))},
-            )
-            params[name] = float(np.exp(found.x))
-    return params
+def _bounded(cost: Callable[[float], float], low: float, high: float, best: float, lowest: float) -> float:
+    """Return the place of least cost between two positive bounds, or `best` where that is lower."""
+    found = minimize_scalar(
+        lambda u: cost(float(np.exp(u))),
+        bounds=(np.log(low), np.log(high)),
+        method="bounded",
+        options={"maxiter": SCAN_EVALUATIONS, "xatol": 1e-3},
+    )
+    return float(np.exp(found.x)) if found.fun < lowest else best
 
 
 def _zoom(loss: Callable[[float], float], low: float, high: float) -> float:
@@ -226,123 +419,9 @@ def _zoom(loss: Callable[[float], float], low: float, high: float) -> float:
     return best
 
 
-def _finished(
-    record: Record,
-    base: BaseFit,
-    terms: Sequence[Term],
-    columns: Sequence[Floats],
-    reference: Reference,
-    features: Features,
-) -> Joint:
-    """Assemble the result with the tangent of the whole model."""
-    parts = tuple(c @ t.weights for c, t in zip(columns, terms, strict=True))
-    tangents, scales = [base.tangent], [np.ones(base.tangent.shape[1])]
-    held: list[Floats] = []
-    for term, column, part in zip(terms, columns, parts, strict=True):
-        slopes = [] if term.effect.fixed_gain else [column]
-        units = [] if term.effect.fixed_gain else [np.ones(column.shape[1])]
-        for name in term.effect.refined:
-            step = DERIVATIVE_STEP * abs(term.params[name])
-            if name in term.effect.steps:
-                step = 2.0 * float(np.median(features.step_s))
-            if step == 0.0:
-                continue
-            moved = term.params | {name: term.params[name] + step}
-            other = columns_of(term.effect, moved, features, reference) @ term.weights
-            slopes.append(((other - part) / step)[:, None])
-            units.append(np.ones(1))
-        block = np.column_stack(slopes)
-        norm = np.sqrt(np.mean(np.square(block), axis=0))
-        shown = norm > 1e-12 * float(np.sqrt(np.mean(np.square(record.friction_N))))
-        # A parameter that changes nothing here (a step between two samples) is held where it is.
-        tangents.append(np.where(shown, block / np.where(shown, norm, 1.0), 0.0))
-        scales.append(np.where(shown, np.concatenate(units) / np.where(shown, norm, 1.0), 0.0))
-        held.append(np.where(shown, 0.0, HELD))
-    residual = record.friction_N - base.fitted_N - sum(parts, np.zeros(features.size))
-    tangent = np.column_stack(tangents)
-    penalty = np.concatenate([base.penalty, *held])
-    return Joint(base, tuple(terms), reference, features, parts, residual, tangent, penalty, np.concatenate(scales))
-
-
-def parameter_covariance(joint: Joint, record: Record, seed: int) -> Floats:
-    """Return the covariance of the tangent's coefficients in the parameters' own units, (q, q).
-
-    Sandwich over blocks: H^-1 (sum_b s_b s_b') H^-1 with s_b = X_b' e_b, B / (B - 1), so that neither coloured
-    nor uneven noise makes the intervals too narrow.
-    """
-    evidence = joint.evidence(record, seed)
-    hessian = evidence.zz.sum(0) + np.diag(joint.penalty)
-    hessian = hessian + np.diag(1e-10 * np.maximum(np.diag(hessian), 1e-300))
-    scores = evidence.ze - evidence.ze.mean(axis=0)
-    inverse = np.linalg.inv(hessian)
-    blocks = evidence.blocks
-    middle = scores.T @ scores * blocks / (blocks - 1)
-    white = hessian * float(evidence.ee.sum()) / max(evidence.samples - hessian.shape[0], 1)
-    # Few blocks make the sandwich noisy: it never falls below what white noise alone would give.
-    sandwich, plain = inverse @ middle @ inverse, inverse @ white @ inverse
-    known = np.maximum(np.diag(sandwich), 1e-300)
-    lift = np.sqrt(np.fmax(np.diag(plain) / known, np.ones(known.size)))
-    return np.asarray(sandwich * np.outer(lift, lift) * np.outer(joint.scales, joint.scales))
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A fitted physical quantity with its 95 % interval."""
-
-    value: float
-    unit: str
-    low: float
-    high: float
-
-
-def estimates(joint: Joint, record: Record, context: Context, seed: int) -> list[dict[str, Estimate]]:
-    """Return the physical parameters of each term with intervals .
-
-    Sampling error by the delta method with Student t over blocks, and the effect's systematic share beside it.
-    """
-    covariance = parameter_covariance(joint, record, seed)
-    quantile = float(student.ppf(0.975, max(record.blocks - 1, 1)))
-    place = joint.base.tangent.shape[1]
-    out = []
-    for term in joint.terms:
-        free = 0 if term.effect.fixed_gain else term.weights.size
-        names = [n for n in term.effect.refined if term.params[n] != 0.0]
-        theta = np.concatenate([term.weights[:free], [term.params[n] for n in names]])
-        part = covariance[place : place + theta.size, place : place + theta.size]
-        place += theta.size
-
-        def values(
-            point: Floats, term: Term = term, free: int = free, names: list[str] = names
-        ) -> dict[str, tuple[float, str]]:
-            params = term.params | dict(zip(names, point[free:].tolist(), strict=True))
-            weights = point[:free] if free else np.ones(1)
-            return term.effect.physical(params, weights, context)
-
-        centre = values(theta)
-        found = {}
-        for name, (value, unit) in centre.items():
-            slope = np.zeros(theta.size)
-            for i in range(theta.size):
-                step = 1e-4 * abs(theta[i]) + 1e-12
-                moved = theta.copy()
-                moved[i] += step
-                slope[i] = (values(moved)[name][0] - value) / step
-            reach = quantile * float(np.sqrt(max(float(slope @ part @ slope), 0.0)))
-            reach = float(np.hypot(reach, term.effect.systematic.get(name, 0.0) * abs(value)))
-            found[name] = Estimate(float(value), unit, float(value - reach), float(value + reach))
-        out.append(found)
-    return out
-
-
 def cross_validated_loss(joint: Joint, record: Record, seed: int) -> Floats:
     """Return the error power of each block under coefficients fitted without it, (blocks,), N^2.
 
     The model is linear about its fit to everything; its refined parameters are among the coefficients.
     """
     return joint.evidence(record, seed).base_loss()
-
-
-def fold_masks(record: Record, seed: int) -> list[np.ndarray]:
-    """Return for each fold which samples it tests."""
-    folds = folds_of(record.blocks, seed)
-    return [np.isin(record.block, np.flatnonzero(folds == k)) for k in range(int(folds.max()) + 1)]

@@ -1,6 +1,6 @@
 """The hypotheses of a diagnosis: every effect with a regressor, over its grid."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.evidence import Evidence, Moments, Rule
-from friction_estimator.effects.base import EFFECTS, Effect
+from friction_estimator.effects.base import Effect
 from friction_estimator.effects.columns import RunningForce
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.reference import Reference
@@ -73,6 +73,7 @@ def hypotheses(
 
 
 def build_library(
+    catalogue: Mapping[str, type[Effect]],
     features: Features,
     reference: Reference,
     context: Context,
@@ -85,7 +86,7 @@ def build_library(
     """
     out = set(excluded)
     found: list[Hypothesis] = []
-    for name, cls in EFFECTS.items():
+    for name, cls in catalogue.items():
         if name in out or (cls.channel in UNKNOWN_WITHOUT and cls.channel not in context.channels):
             continue
         points = [*cls.grid(context), *cls.peaks(evidence.residual, features, context)]

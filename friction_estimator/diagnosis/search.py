@@ -1,36 +1,37 @@
 """Greedy search for causes: screen the library, gate, compare by joint refit, and say what cannot be told apart."""
 
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import t as student
 
 from friction_estimator.core.sample import Floats
 from friction_estimator.core.settings.config import Config
-from friction_estimator.diagnosis.base import SPLINES, OddCurve, fit_base, lagged, piece_starts
+from friction_estimator.diagnosis.base_problem import SPLINES, BaseProblem, Capacity, Coefficients, OddCurve
 from friction_estimator.diagnosis.evidence import Evidence, Fit, Moments, Rule, null_maximum
 from friction_estimator.diagnosis.excitation import pressure_order
-from friction_estimator.diagnosis.joint import (
-    SETTLED_ROUNDS,
-    Capacity,
-    Joint,
-    Term,
-    cross_validated_loss,
-    fit_joint,
-)
+from friction_estimator.diagnosis.joint import Joint, JointFit, Term, cross_validated_loss
+from friction_estimator.diagnosis.lagged import lagged
 from friction_estimator.diagnosis.library import Hypothesis, build_library
 from friction_estimator.diagnosis.products import inner
 from friction_estimator.diagnosis.record import Record
-from friction_estimator.effects.base import EFFECTS, REVERSAL, SLOW
+from friction_estimator.effects.base import REVERSAL, SLOW, Effect
 from friction_estimator.effects.features import Context
+
+Catalogue = Mapping[str, type[Effect]]
 
 LEVEL = 0.01
 FLIPS = 400
-MARGIN = 1.15
+MARGIN = 1.5
 """The best held-out gain must exceed this many times the bootstrap's quantile."""
 
-LEAST_SHARE = 0.0008
+LEAST_SHARE = 0.002
 """And this share of the error power."""
+
+MEMORY_EVIDENCE = 20.0
+"""Prior energy of the base's memory that a delay of the whole force must save to be named by evidence alone: a
+probability ratio of exp(10)."""
 
 EVERYWHERE = 0.7
 """Share of blocks in which a wave in time or position must bring a gain."""
@@ -49,7 +50,10 @@ ALIKE_SHARE = 0.10
 """A further cause must bring this share of the first one's gain; the larger where both act near reversals, since what
 another functional form of the first leaves there looks like the second."""
 
-MOST_CAUSES = 4
+EARLY = 2.5
+"""Sample periods after a reversal without which an effect that acts everywhere must still gain."""
+
+MOST_CAUSES = 5
 PLAIN = 10.0
 """Times the noise power: surplus of gain that one more parameter must bring."""
 
@@ -76,12 +80,13 @@ class Cause:
 
     Attributes
     ----------
-    name : effect id. p_value : family-wise. gain : held-out decrease of the error power, summed, N^2.
+    name : effect id. p_value : family-wise, None where evidence alone names it.
+    gain : held-out decrease of the error power with what the prior of the memory saves, summed, N^2.
     rivals : effects that explain the data as well, best first.
     """
 
     name: str
-    p_value: float
+    p_value: float | None
     gain: float
     rivals: tuple[str, ...]
 
@@ -92,16 +97,16 @@ class Search:
 
     Attributes
     ----------
-    causes : strongest first. models : base alone, then with each cause added.
+    problem : the base model on the record. causes : in the order in which they were taken up.
+    models : base alone, then with each cause added.
     thresholds : gain that an effect had to exceed, N^2 (ordinary and wide hypotheses).
-    library : of the last round. capacity : of the base model. warnings : in words.
-    asked : effects that would have won but need a channel.
+    warnings : in words. asked : effects that would have won but need a channel.
     """
 
+    problem: BaseProblem
     causes: tuple[Cause, ...]
     models: tuple[Joint, ...]
     thresholds: tuple[float, float]
-    capacity: Capacity
     warnings: tuple[str, ...]
     asked: tuple[str, ...]
     last_evidence: Evidence
@@ -133,7 +138,7 @@ def screen(evidence: Evidence, library: Sequence[Hypothesis]) -> list[Screened]:
         best = int(np.argmax([f.gain for f in fits]))
         gain = gains[name]
         # What is there at every speed and time shows in nearly every block; leakage of the drive does not.
-        everywhere = not EFFECTS[name].many or float(np.mean(gain > 0.0)) >= EVERYWHERE
+        everywhere = not items[0].effect.many or float(np.mean(gain > 0.0)) >= EVERYWHERE
         out.append(
             Screened(name, items[best].params, float(gain.sum()) if everywhere else 0.0, items[best], fits[best])
         )
@@ -168,150 +173,232 @@ def gate(
     )
 
 
-def search(
-    record: Record,
-    config: Config,
-    context: Context,
-    seed: int,
-    progress: Progress,
-    coarse_N2: float = 0.0,
-    known: Collection[str] = (),
-) -> Search:
-    """Find the causes in a record, greedily, until nothing passes the gate.
+class Searcher:
+    """The greedy search on one record.
 
-    `coarse_N2` is error power that is known to be a lattice's: causes must bring more than that. `known` are
-    effects that were found in the data already.
+    Parameters
+    ----------
+    record : repaired. context : facts about it. catalogue : effects by name. seed : of folds and bootstrap.
+    coarse_N2 : error power that is known to be a lattice's: causes must bring more than that.
+    known : effects that were found in the data already.
     """
-    capacity = Capacity(SPLINES, config.fir.order)
-    warnings: list[str] = []
-    progress("base model", 0.1)
-    base = fit_base(record, config, splines=capacity.splines, order=capacity.order)
-    models = [fit_joint(record, config, context, start=base, capacity=capacity)]
-    losses = [cross_validated_loss(models[0], record, seed)]
-    causes: list[Cause] = []
-    asked: list[str] = []
-    thresholds = (0.0, 0.0)
-    while True:
-        model = models[-1]
-        evidence = model.evidence(record, seed)
-        out = {t.name for t in model.terms} | set(asked) | set(known)
-        if any(EFFECTS[n].recorded for n in out) and pressure_order(record):
-            out |= {n for n, cls in EFFECTS.items() if cls.acts == SLOW}
-        families = {t.effect.family for t in model.terms}
-        out |= {n for n, cls in EFFECTS.items() if cls.family in families}
-        progress(f"screening for cause {len(causes) + 1}", 0.15 + 0.2 * len(causes))
-        library = build_library(model.features, model.reference, context, evidence, out)
-        screened = screen(evidence, library)
-        null, wide = gate(record, model, library, screened, seed)
-        thresholds = tuple(float(np.quantile(n, 1.0 - LEVEL / 2.0)) * MARGIN for n in (null, wide))  # type: ignore[assignment]
-        least = LEAST_SHARE * float(evidence.ee.sum()) + coarse_N2 * evidence.samples
-        passing = [s for s in screened if s.gain > max(thresholds[EFFECTS[s.name].many], least)]
-        finer = _capacity_gains(record, model, evidence, capacity) if not causes and len(warnings) < 2 else {}
-        wider = max(finer, key=lambda k: finer[k], default=None)
-        lack = finer[wider] if wider is not None else 0.0
-        found = None
-        if passing and len(causes) < MOST_CAUSES:
-            progress(f"comparing causes {len(causes) + 1}", 0.2 + 0.2 * len(causes))
-            found = compare(record, config, context, model, losses[-1], passing, capacity, seed, causes)
-        if wider is not None and lack > max(3.0 * thresholds[0], least, found[4] if found else 0.0):
-            capacity = wider
-            what = "a finer static curve" if wider.splines > SPLINES else "a longer memory"
-            warnings.append(f"the base model needed {what} than usual; that is lack of fit, no cause")
-            base = fit_base(record, config, splines=capacity.splines, order=capacity.order)
-            models = [fit_joint(record, config, context, start=base, capacity=capacity)]
-            losses = [cross_validated_loss(models[0], record, seed)]
-            continue
-        if found is None or not _enough(found[0], found[4], causes, max(thresholds[EFFECTS[found[0]].many], least)):
-            break
-        winner, joint, loss, rivals, gain = found
-        if EFFECTS[winner].channel and EFFECTS[winner].channel not in context.channels:
-            asked.append(winner)
-            continue
-        pool = wide if EFFECTS[winner].many else null
-        p_value = min(1.0, 2.0 * float(1 + np.sum(pool >= gain)) / (FLIPS + 1))
-        causes.append(Cause(winner, p_value, gain, rivals))
-        models.append(joint)
-        losses.append(loss)
-    return Search(
-        tuple(causes), tuple(models), thresholds, capacity, tuple(warnings), tuple(asked), evidence, tuple(screened)
-    )
 
+    def __init__(
+        self,
+        record: Record,
+        config: Config,
+        context: Context,
+        catalogue: Catalogue,
+        seed: int,
+        coarse_N2: float = 0.0,
+        known: Collection[str] = (),
+    ) -> None:
+        self.record, self.config, self.context, self.seed = record, config, context, seed
+        self.catalogue, self.coarse_N2, self.known = catalogue, coarse_N2, known
+        self.problem = BaseProblem(record, config, Capacity(SPLINES, config.fir.order))
+        self.samples = max(int(record.used.sum()), 1)
+        self.ordered = bool(pressure_order(record))
 
-def _enough(name: str, gain: float, causes: Sequence[Cause], least_N2: float) -> bool:
-    """Return whether a cause brings enough, by itself and beside what the first one brought."""
-    alike = EFFECTS[name].acts == REVERSAL and any(EFFECTS[c.name].acts == REVERSAL for c in causes)
-    share = ALIKE_SHARE if alike else SECOND_SHARE
-    return gain >= least_N2 and not (causes and gain < share * causes[0].gain)
-
-
-def compare(
-    record: Record,
-    config: Config,
-    context: Context,
-    model: Joint,
-    loss: Floats,
-    passing: Sequence[Screened],
-    capacity: Capacity,
-    seed: int,
-    causes: Sequence[Cause],
-) -> tuple[str, Joint, Floats, tuple[str, ...], float] | None:
-    """Refit the best candidates jointly with base and earlier causes; return the winner and its equals."""
-    top = [s for s in passing[:CANDIDATES] if s.gain > CONTENDER * passing[0].gain]
-    known = {s.name for s in top}
-    # What shows at reversals is badly screened while the base model has bent towards it.
-    top += [s for s in passing if EFFECTS[s.name].acts == REVERSAL and s.name not in known][:2]
-    fits: dict[str, tuple[Joint, Floats]] = {}
-    for item in top:
-        terms = [*model.terms, Term(EFFECTS[item.name], dict(item.params))]
-        joint = fit_joint(record, config, context, terms, start=model.base, capacity=capacity)
-        if not _signs_kept(joint):
-            continue
-        fits[item.name] = (joint, cross_validated_loss(joint, record, seed))
-    gains = {n: float((loss - after).sum()) for n, (_, after) in fits.items()}
-    gains = {n: g for n, g in gains.items() if np.isfinite(g)}
-    best = max(gains.values(), default=0.0)
-    if best <= 0.0:
-        return None
-    for name in [n for n in gains if gains[n] > 0.9 * best]:
-        joint = fits[name][0]
-        settled = fit_joint(
-            record, config, context, joint.terms, start=joint.base, rounds=SETTLED_ROUNDS, capacity=capacity
+    def __call__(self, progress: Progress) -> Search:
+        """Find the causes, until nothing passes the gate."""
+        warnings: list[str] = []
+        progress("base model", 0.1)
+        models, losses = self._base()
+        causes: list[Cause] = []
+        asked: list[str] = []
+        refused: list[str] = []
+        thresholds = (0.0, 0.0)
+        while True:
+            model = models[-1]
+            evidence = model.evidence(self.record, self.seed)
+            progress(f"screening for cause {len(causes) + 1}", 0.15 + 0.12 * len(causes))
+            families = {t.effect.family for t in model.terms}
+            out = {*asked, *refused, *self.known, *(n for n, cls in self.catalogue.items() if cls.family in families)}
+            if self.ordered and any(t.effect.recorded for t in model.terms):
+                out |= {n for n, cls in self.catalogue.items() if cls.acts == SLOW}
+            library = build_library(self.catalogue, model.features, model.reference, self.context, evidence, out)
+            screened = screen(evidence, library)
+            null, wide = gate(self.record, model, library, screened, self.seed)
+            thresholds = tuple(float(np.quantile(n, 1.0 - LEVEL / 2.0)) * MARGIN for n in (null, wide))  # type: ignore[assignment]
+            least = LEAST_SHARE * float(evidence.ee.sum()) + self.coarse_N2 * evidence.samples
+            needed = {s.name: max(thresholds[s.hypothesis.effect.many], least) for s in screened}
+            passing = [s for s in screened if s.gain > needed[s.name]]
+            passing += [
+                s
+                for s in screened
+                if s not in passing
+                and s.hypothesis.effect.delays
+                and model.base.coefficients.memory_energy > MEMORY_EVIDENCE
+            ]
+            finer = {} if causes or len(warnings) >= 2 else self._capacity_gains(model, evidence)
+            wider = max(finer, key=lambda k: finer[k], default=None)
+            lack = finer[wider] if wider is not None else 0.0
+            found = None
+            if passing and len(causes) < MOST_CAUSES:
+                progress(f"comparing causes {len(causes) + 1}", 0.2 + 0.12 * len(causes))
+                found = self._compare(model, losses[-1], passing, causes)
+            if wider is not None and lack > max(3.0 * thresholds[0], least, found.gain if found else 0.0):
+                self.problem = BaseProblem(self.record, self.config, wider)
+                what = "a finer static curve" if wider.splines > SPLINES else "a longer memory"
+                warnings.append(f"the base model needed {what} than usual; that is lack of fit, no cause")
+                models, losses = self._base()
+                continue
+            if found is None:
+                break
+            effect = self.catalogue[found.name]
+            held = float((losses[-1] - found.loss).sum())
+            saved = found.gain - held
+            by_data = held > needed.get(found.name, least)
+            if not (by_data or (effect.delays and saved > MEMORY_EVIDENCE * found.variance)):
+                break
+            if not self._enough(effect, found.gain, causes):
+                break
+            if by_data and not self._stands(model, found.joint):
+                refused.append(found.name)
+                continue
+            if effect.channel and effect.channel not in self.context.channels:
+                asked.append(found.name)
+                continue
+            pool = wide if effect.many else null
+            p_value = min(1.0, 2.0 * float(1 + np.sum(pool >= held)) / (FLIPS + 1)) if by_data else None
+            causes.append(Cause(found.name, p_value, found.gain, found.rivals))
+            models.append(found.joint)
+            losses.append(found.loss)
+            refused.clear()
+        return Search(
+            self.problem,
+            tuple(causes),
+            tuple(models),
+            thresholds,
+            tuple(warnings),
+            tuple(asked),
+            evidence,
+            tuple(screened),
         )
-        if not _signs_kept(settled):
-            if len(gains) > 1:
-                del gains[name]
-            continue
-        fits[name] = (settled, cross_validated_loss(settled, record, seed))
-        gains[name] = float((loss - fits[name][1]).sum())
-    winner = max(gains, key=lambda n: gains[n])
-    winner = _plainer(winner, gains, fits, sample_power(loss, record))
-    # A recorded pressure that changed is preferred to an unrecorded cause that would have had to change with it, where
-    # the order of pressures cannot separate the two (decision 0021).
-    measured = max((n for n in gains if EFFECTS[n].recorded), key=lambda n: gains[n], default=winner)
-    preferred = gains[measured] > MEASURED_SHARE * gains[winner] and _enough(measured, gains[measured], causes, 0.0)
-    if EFFECTS[winner].acts == SLOW and preferred and pressure_order(record):
-        winner = measured
-    joint, lowest = fits[winner]
-    for params in EFFECTS[winner].variants(joint.terms[-1].params):
-        terms = [*model.terms, Term(EFFECTS[winner], params)]
-        other = fit_joint(record, config, context, terms, start=model.base, capacity=capacity)
-        after = cross_validated_loss(other, record, seed)
-        surplus = float((lowest - after).sum())
-        if np.isfinite(surplus) and surplus > PLAIN * sample_power(after, record):
-            joint, lowest = other, after
-            gains[winner] = float((loss - after).sum())
-    rivals = []
-    for name in sorted(gains, key=lambda n: -gains[n]):
-        if name == winner:
-            continue
-        behind = fits[name][1] - lowest
-        error = float(np.std(behind, ddof=1)) * np.sqrt(behind.size)
-        if behind.sum() < SET_ERRORS * error or gains[winner] - gains[name] < SET_SHARE * gains[winner]:
-            rivals.append(name)
-    return winner, joint, lowest, tuple(rivals), gains[winner]
+
+    def _base(self) -> tuple[list[Joint], list[Floats]]:
+        model = JointFit(self.problem, self.context)()
+        return [model], [cross_validated_loss(model, self.record, self.seed)]
+
+    def _enough(self, effect: type[Effect], gain: float, causes: Sequence[Cause]) -> bool:
+        """Return whether a cause brings enough beside what the first one brought."""
+        if not causes:
+            return True
+        alike = effect.acts == REVERSAL and any(self.catalogue[c.name].acts == REVERSAL for c in causes)
+        return gain >= (ALIKE_SHARE if alike else SECOND_SHARE) * causes[0].gain
+
+    def _compare(
+        self, model: Joint, loss: Floats, passing: Sequence[Screened], causes: Sequence[Cause]
+    ) -> "_Compared | None":
+        """Refit the best candidates jointly with base and earlier causes; return the winner and its equals."""
+        fit = JointFit(self.problem, self.context)
+        top = [s for s in passing[:CANDIDATES] if s.gain > CONTENDER * passing[0].gain]
+        known = {s.name for s in top}
+        # What shows at reversals is badly screened while the base model has bent towards it.
+        top += [s for s in passing if s.hypothesis.effect.acts == REVERSAL and s.name not in known][:3]
+        known = {s.name for s in top}
+        top += [s for s in passing if s.hypothesis.effect.delays and s.name not in known]
+        here = model.base.coefficients
+        fits: dict[str, _Compared] = {}
+        for item in top:
+            effect = item.hypothesis.effect
+            joint = fit([*model.terms, Term(effect, dict(item.params))], here)
+            if signs_kept(joint) and self._inside(joint.terms[-1]):
+                fits[item.name] = self._judged(item.name, joint, loss, here)
+        fits = {n: c for n, c in fits.items() if np.isfinite(c.gain)}
+        if not fits or max(c.gain for c in fits.values()) <= 0.0:
+            return None
+        winner = max(fits, key=lambda n: fits[n].gain)
+        noise_N2 = float(fits[winner].loss.sum()) / self.samples
+        winner = plainer(winner, fits, noise_N2)
+        # A recorded variable that changed is preferred to an unrecorded cause that would have had to change with it.
+        slow = self.ordered and fits[winner].effect.acts == SLOW
+        for name, one in fits.items():
+            enough = one.gain > MEASURED_SHARE * fits[winner].gain and self._enough(one.effect, one.gain, causes)
+            if slow and one.effect.recorded and enough:
+                winner = name
+        best = fits[winner]
+        for params in best.effect.variants(best.joint.terms[-1].params):
+            joint = fit([*model.terms, Term(best.effect, params)], here)
+            other = self._judged(winner, joint, loss, here)
+            more = joint.terms[-1].weights.size - best.joint.terms[-1].weights.size
+            if np.isfinite(other.gain) and other.gain - best.gain > PLAIN * max(more, 1) * noise_N2:
+                best = other
+        rivals = []
+        for name in sorted(fits, key=lambda n: -fits[n].gain):
+            if name == winner:
+                continue
+            behind = fits[name].loss - best.loss
+            error = float(np.std(behind, ddof=1)) * np.sqrt(behind.size)
+            apart = best.gain - fits[name].gain
+            leans = fits[name].joint.base.coefficients.memory_energy - best.joint.base.coefficients.memory_energy
+            if leans > MEMORY_EVIDENCE:  # the base's memory would have to do what the winner does alone
+                continue
+            if apart < SET_ERRORS * error or apart < SET_SHARE * best.gain:
+                rivals.append(name)
+        return replace(best, rivals=tuple(rivals))
+
+    def _judged(self, name: str, joint: Joint, loss: Floats, before: Coefficients) -> "_Compared":
+        after = cross_validated_loss(joint, self.record, self.seed)
+        now = joint.base.coefficients
+        saved = now.variance * (before.memory_energy - now.memory_energy)
+        return _Compared(
+            name, joint.terms[-1].effect, joint, after, float((loss - after).sum()) + saved, now.variance, ()
+        )
+
+    def _inside(self, term: Term) -> bool:
+        """Return whether the record spans what was fitted."""
+        return term.effect.spans(term.params, term.weights, self.context) is None
+
+    def _stands(self, model: Joint, joint: Joint) -> bool:
+        """Return whether an effect gains in most of the record, and beyond the samples right after reversals.
+
+        A sharp model error there depends on the phase of the sampling; a name that lives on it alone names that.
+        """
+        effect = joint.terms[-1].effect
+        decrease = (np.square(model.residual_N) - np.square(joint.residual_N)) * self.record.used
+        if effect.acts != REVERSAL:
+            early = self.record.features.since_reversal_s < EARLY * self.context.step_s
+            decrease = np.where(early, 0.0, decrease)
+        gains = np.bincount(self.record.block, weights=decrease)
+        error = float(np.std(gains, ddof=1)) * np.sqrt(gains.size)
+        return bool(gains.sum() > student.ppf(0.975, gains.size - 1) * error)
+
+    def _capacity_gains(self, model: Joint, evidence: Evidence) -> dict[Capacity, float]:
+        """Return the held-out gain of a finer static curve and of a longer memory."""
+        out = {}
+        capacity, products = self.problem.capacity, self.problem.products
+        if capacity.splines < FINER:
+            fine = OddCurve(model.base.curve.top, FINER)(self.record.features.velocity_m_s)
+            out[Capacity(FINER, capacity.order)] = _gain(evidence, fine)
+        if capacity.order < LONGER:
+            force = model.base.static_N
+            lags = range(capacity.order + 1, LONGER + 1)
+            more = np.column_stack([lagged(force, i, products.start) - force for i in lags])
+            out[Capacity(capacity.splines, LONGER)] = _gain(evidence, more)
+        return out
 
 
-def _signs_kept(joint: Joint) -> bool:
+@dataclass(frozen=True)
+class _Compared:
+    """A candidate after its joint refit; `gain` holds what the prior of the memory saves."""
+
+    name: str
+    effect: type[Effect]
+    joint: Joint
+    loss: Floats
+    gain: float
+    variance: float
+    rivals: tuple[str, ...]
+
+    @property
+    def freedom(self) -> int:
+        """Parameters of the effect."""
+        term = self.joint.terms[-1]
+        return (0 if term.effect.fixed_gain else term.weights.size) + len(term.effect.refined)
+
+
+def signs_kept(joint: Joint) -> bool:
     """Return whether the coefficients have the signs that physics gives them."""
     return all(
         sign * weight >= 0.0
@@ -321,34 +408,11 @@ def _signs_kept(joint: Joint) -> bool:
     )
 
 
-def sample_power(loss: Floats, record: Record) -> float:
-    """Return the mean error power of a sample, N^2."""
-    return float(loss.sum()) / max(int(record.used.sum()), 1)
-
-
-def _plainer(winner: str, gains: dict[str, float], fits: dict[str, tuple[Joint, Floats]], noise_N2: float) -> str:
+def plainer(winner: str, fits: Mapping[str, _Compared], noise_N2: float) -> str:
     """Return an effect with fewer parameters where the winner's surplus is what its further ones bring by chance."""
-
-    def freedom(name: str) -> int:
-        term = fits[name][0].terms[-1]
-        return (0 if term.effect.fixed_gain else term.weights.size) + len(term.effect.refined)
-
-    close = [n for n in gains if gains[winner] - gains[n] < PLAIN * noise_N2 * max(freedom(winner) - freedom(n), 0)]
-    return min([winner, *close], key=lambda n: (freedom(n), -gains[n]))
-
-
-def _capacity_gains(record: Record, model: Joint, evidence: Evidence, capacity: Capacity) -> dict[Capacity, float]:
-    """Return the held-out gain of a finer static curve and of a longer memory."""
-    out = {}
-    start = piece_starts(record.restart)
-    if capacity.splines < FINER:
-        fine = OddCurve(model.base.curve.top, FINER)(record.features.velocity_m_s)
-        out[Capacity(FINER, capacity.order)] = _gain(evidence, fine)
-    if capacity.order < LONGER:
-        force = model.base.static_N
-        more = np.column_stack([lagged(force, i, start) - force for i in range(capacity.order + 1, LONGER + 1)])
-        out[Capacity(capacity.splines, LONGER)] = _gain(evidence, more)
-    return out
+    best = fits[winner]
+    close = [n for n, c in fits.items() if best.gain - c.gain < PLAIN * noise_N2 * max(best.freedom - c.freedom, 0)]
+    return min([winner, *close], key=lambda n: (fits[n].freedom, -fits[n].gain))
 
 
 def _gain(evidence: Evidence, columns: Floats) -> float:

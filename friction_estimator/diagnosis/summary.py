@@ -3,10 +3,13 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from friction_estimator.diagnosis.diagnose import Diagnosis, Found
+from friction_estimator.diagnosis.held_out import Gain
+from friction_estimator.diagnosis.result import NOTHING_FOUND, UNDECIDABLE, UNEXPLAINED, Diagnosis, Found
 from friction_estimator.effects.base import EFFECTS
+from friction_estimator.effects.detection import Fault
 
-SCHEMA = "friction_estimator/diagnosis/1"
+SCHEMA = "friction_estimator/diagnosis/2"
+UNITS = {"velocity": "m/s", "friction": "N"}
 
 
 def as_json(
@@ -22,6 +25,7 @@ def as_json(
     return {
         "schema": SCHEMA,
         "bags": list(bags),
+        "units": UNITS,
         "verdict": result.verdict,
         "excitation": {
             "cycles": excitation.cycles,
@@ -29,50 +33,64 @@ def as_json(
             "reversals": excitation.reversals,
             "channels": list(excitation.channels),
             "warnings": list(excitation.warnings),
+            "notes": list(excitation.notes),
         },
         "base": {"nrmse_holdout": result.nrmse_holdout, "noise_floor": result.noise_floor},
+        "faults": [_fault(fault, figures.get(fault.name, "")) for fault in result.faults],
         "effects": [_effect(found, figures.get(found.name, "")) for found in result.effects],
+        "total_gain": _gain(result.total_gain),
+        "traces": [{"name": trace.name, "share_percent": trace.share_percent} for trace in result.traces],
         "needs_channel": [{"name": name, "channel": channel} for name, channel in result.needs_channel],
         "unexplained_percent": result.unexplained_percent,
         "extended_model": extended_model,
     }
 
 
+def _fault(fault: Fault, figure: str) -> dict[str, Any]:
+    return {
+        "name": fault.name,
+        "evidence": fault.evidence,
+        "parameters": {
+            name: {"value": value, "unit": unit, "ci95": [low, high]}
+            for name, (value, unit, low, high) in fault.parameters.items()
+        },
+        "repaired": fault.repaired,
+        "figure": figure,
+    }
+
+
 def _effect(found: Found, figure: str) -> dict[str, Any]:
-    gain = found.gain
     return {
         "name": found.name,
         "p_value": found.p_value,
         "parameters": {
             name: {"value": e.value, "unit": e.unit, "ci95": [e.low, e.high]} for name, e in found.parameters.items()
         },
-        "gain": {
-            "nrmse_before": gain.nrmse_before,
-            "nrmse_after": gain.nrmse_after,
-            "reduction_percent": gain.reduction_percent,
-            "ci95_percent": [gain.low_percent, gain.high_percent],
-        },
+        "gain": _gain(found.gain),
         "indistinguishable_from": list(found.rivals),
         "next_experiment": found.experiment,
         "figure": figure,
     }
 
 
+def _gain(gain: Gain | None) -> dict[str, Any] | None:
+    if gain is None:
+        return None
+    return {
+        "nrmse_before": gain.nrmse_before,
+        "nrmse_after": gain.nrmse_after,
+        "reduction_percent": gain.reduction_percent,
+        "ci95_percent": [gain.low_percent, gain.high_percent],
+    }
+
+
 def sentence(found: Found) -> str:
     """Return what was found, in one or two sentences."""
     words = EFFECTS[found.name].words
-    values = ", ".join(
-        f"{name.replace('_', ' ')} {e.value:.4g}{' ' + e.unit if e.unit else ''} ({e.low:.4g} to {e.high:.4g})"
-        for name, e in found.parameters.items()
-    )
+    values = ", ".join(_quantity(name, e.value, e.unit, e.low, e.high) for name, e in found.parameters.items())
     text = f"{words.what[0].upper()}{words.what[1:]}: {values}. Seen in this: {found.evidence}."
-    gain = found.gain
-    if gain.reduction_percent > 0.0:
-        text += (
-            f" On data that the fit never saw the error falls from {100 * gain.nrmse_before:.2f} to "
-            f"{100 * gain.nrmse_after:.2f} % of the friction's spread, by {gain.reduction_percent:.1f} % "
-            f"({gain.low_percent:.1f} to {gain.high_percent:.1f})."
-        )
+    if found.gain is not None:
+        text += f" {_gained(found.gain)}"
     if found.rivals:
         text += f" These data cannot tell it from {', '.join(found.rivals)}."
     if found.experiment:
@@ -80,23 +98,56 @@ def sentence(found: Found) -> str:
     return text
 
 
+def fault_sentence(fault: Fault) -> str:
+    """Return a fault of the data in a sentence or two."""
+    words = EFFECTS[fault.name].words
+    values = ", ".join(_quantity(name, *quantity) for name, quantity in fault.parameters.items())
+    return (
+        f"{words.what[0].upper()}{words.what[1:]}: {values}. Seen in this: {fault.evidence}. Repair: {fault.repaired}."
+    )
+
+
+def _quantity(name: str, value: float, unit: str, low: float, high: float) -> str:
+    return f"{name.replace('_', ' ')} {value:.4g}{' ' + unit if unit else ''} ({low:.4g} to {high:.4g})"
+
+
+def _gained(gain: Gain) -> str:
+    return (
+        f"On data that the fit never saw the error falls from {100 * gain.nrmse_before:.2f} to "
+        f"{100 * gain.nrmse_after:.2f} % of the friction's spread, by {gain.reduction_percent:.1f} % "
+        f"({gain.low_percent:.1f} to {gain.high_percent:.1f})."
+    )
+
+
 def sentences(result: Diagnosis) -> list[str]:
     """Return the whole diagnosis in sentences."""
     lines = []
-    if result.verdict == "undecidable":
+    error, floor = 100 * result.nrmse_holdout, 100 * result.noise_floor
+    if result.verdict == UNDECIDABLE:
         lines.append("These recordings cannot answer.")
-    elif result.verdict == "nothing_found":
+    elif result.verdict == NOTHING_FOUND:
         limits = sorted(result.detection_limit_N.items(), key=lambda item: item[1])
         lines.append(
-            f"Nothing found: the base model leaves {100 * result.nrmse_holdout:.2f} % of the friction's spread, and "
-            f"the noise alone is {100 * result.noise_floor:.2f} %. {len(limits)} causes were tried."
+            f"Nothing found: the base model leaves {error:.2f} % of the friction's spread, and the noise alone is "
+            f"{floor:.2f} %. {len(limits)} causes were tried."
         )
         if limits:
             shown = "; ".join(f"{name} {value:.2g} N" for name, value in limits)
             lines.append(f"Changes larger than this (rms) would have been named: {shown}.")
-    else:
-        lines += [f"{i}. {found.name}: {sentence(found)}" for i, found in enumerate(result.effects, 1)]
+    elif result.verdict == UNEXPLAINED:
+        lines.append(
+            f"Something is there that no name holds for: the base model leaves {error:.2f} % of the friction's spread, "
+            f"and the noise alone is {floor:.2f} %."
+        )
+    lines += [f"Data: {fault.name}: {fault_sentence(fault)}" for fault in result.faults]
+    lines += [f"{i}. {found.name}: {sentence(found)}" for i, found in enumerate(result.effects, 1)]
+    if result.total_gain is not None:
+        lines.append(f"All effects together: {_gained(result.total_gain)}")
+    if result.effects or result.faults:
         lines.append(f"Left above the noise floor: {result.unexplained_percent:.1f} % of the held-out error.")
+    if result.traces:
+        shown = "; ".join(f"{trace.name} {trace.share_percent:.2g} %" for trace in result.traces)
+        lines.append(f"Traces, too small for a finding (share of the error power): {shown}.")
     lines += [f"{EFFECTS[n].words.what} may be the cause: record {c} to know" for n, c in result.needs_channel]
-    lines += [f"Note: {text}." for text in result.excitation.warnings]
+    lines += [f"Note: {text}." for text in (*result.excitation.warnings, *result.excitation.notes)]
     return lines

@@ -18,6 +18,7 @@ from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.detection import ORDER, DataView, Fault
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.trace import STAGES, Trace
+from friction_estimator.effects.whole import StaticTables
 
 
 @dataclass(frozen=True)
@@ -212,6 +213,11 @@ class Effect:
     def peaks(cls, residual_N: Floats, features: Features, context: Context) -> list[dict[str, float]]:  # noqa: ARG003
         """Return parameter sets that a residual (n,) suggests, beside those of the grid."""
         return []
+
+    @classmethod
+    def whole(cls, params: Params, tables: "StaticTables", features: Features) -> Floats:
+        """Return what one time of the whole force makes of the columns of a static curve, (n, m); where it `delays`."""
+        raise NotImplementedError
 
     # Fault of the data
 

@@ -27,7 +27,6 @@ class Context:
     pressure_levels : number of tenths of that range in which at least 2 % of the samples lie.
     periods_s : periods of the drive found, s.
     channels : recorded channels beyond velocity and friction.
-    longest_piece_s : longest time without a gap, s; 0 where it is not known.
     """
 
     duration_s: float
@@ -44,7 +43,7 @@ class Context:
     pressure_levels: int = 1
     periods_s: tuple[float, ...] = ()
     channels: tuple[str, ...] = ()
-    longest_piece_s: float = 0.0
+    ordered_pressure: bool = False
 
 
 @dataclass(frozen=True)

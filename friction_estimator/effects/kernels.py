@@ -110,7 +110,7 @@ def rest_spike(step, previous, velocity, length, rest_speed, exponent, state, ou
 
 
 @njit(cache=True)
-def _steps(before, now, bend):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def substeps(before, now, bend):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Return the number of parts in which the velocity changes by at most `bend`: the curve is straight within each."""
     return max(1, min(MOST_STEPS, int(np.ceil(abs(now - before) / bend - 1e-9))))
 
@@ -129,7 +129,7 @@ def force_lag(step, previous, velocity, pressure, tau, table, pressures, bend, r
             state[2] = 1.0
             out[k] = 0.0
             continue
-        count = _steps(previous[k], velocity[k], bend)
+        count = substeps(previous[k], velocity[k], bend)
         dt = step[k] / count
         decay = np.exp(-dt / tau)
         for i in range(1, count + 1):
@@ -191,7 +191,7 @@ def film_lag(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
             state[1] = 1.0
             out[k] = 0.0
             continue
-        count = _steps(previous[k], velocity[k], bend)
+        count = substeps(previous[k], velocity[k], bend)
         dt = step[k] / count
         decay = np.exp(-dt / tau)
         last = abs(previous[k])

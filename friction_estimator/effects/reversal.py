@@ -30,6 +30,27 @@ LEAST_SHARE = 0.002
 """Of the power that is left: smaller bursts are not worth a name."""
 
 
+SPREAD = (0.125, 0.25, 0.5, 1.0, 2.0)
+"""Lengths of several bristles over that of the one which fits best."""
+
+
+def relative_level(features: Features, reference: Reference) -> Floats:
+    """Return the level F / S that bristles carry in steady sliding, (n,), over that at low speed, mid pressure."""
+
+    def level(speed: Floats, pressure: Floats) -> Floats:
+        moving = np.maximum(speed, LOWEST * reference.sign_velocity_m_s)
+        return reference.force(moving, pressure) / reference.smooth_sign(moving)
+
+    middle = np.array([float(np.mean(reference.pressures_Pa))])
+    usual = float(level(np.zeros(1), middle)[0])
+    scale = usual if abs(usual) > 0.0 else 1.0
+    return np.asarray(level(np.abs(features.velocity_m_s), features.pressure_Pa) / scale)
+
+
+LOWEST = 0.1
+"""Share of the smooth sign's speed below which its ratio to the force is taken there."""
+
+
 @effect
 class Breakaway(Effect):
     """A(dwell) sgn(v) exp(-d_rev / L), A > 0."""
@@ -157,19 +178,40 @@ class Presliding(Effect):
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
-        """Return z - sgn(v)."""
+        """Return z - sgn(v); in the spread shape that of elasto-slip elements of several lengths."""
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
             out = np.empty(f.size)
             hysteron(f.step_s, f.previous_m_s, f.velocity_m_s, params["length"], s, out)
             return out
 
+        def elements(f: Features, r: Reference, s: Floats) -> Floats:
+            out = np.empty((len(SPREAD) + 1, f.size))
+            for i, factor in enumerate(SPREAD):
+                own = s[2 * i : 2 * i + 2]
+                slip_chain(f.step_s, f.previous_m_s, f.velocity_m_s, 2.0 * factor * params["length"], own, out[i])
+            # Where bristles carry everything, nothing is left of the static curve's smooth sign.
+            out[-1] = f.direction - r.smooth_sign(f.velocity_m_s)
+            return out.T * relative_level(f, r)[:, None]
+
+        if params.get("spread", 0.0) >= 0.5:
+            return Columns(elements, len(SPREAD) + 1, state=2 * len(SPREAD))
         return Columns(compute, state=2)
 
     @classmethod
+    def variants(cls, params: Params) -> list[dict[str, float]]:
+        """Bristles of several lengths: generalised Maxwell slip."""
+        return [dict(params) | {"spread": 1.0}]
+
+    @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
-        """Force of the bristles and their length."""
-        return {"amplitude": (float(weights[0]), "N"), "length": (params["length"], "m")}
+        """Force of the bristles and their length, the mean one where they are several."""
+        carried = weights[: len(SPREAD)]
+        amplitude = float(np.sum(carried))
+        length = params["length"]
+        if len(weights) > 1 and amplitude > 0.0:
+            length *= max(float(carried @ np.array(SPREAD)) / amplitude, min(SPREAD))
+        return {"amplitude": (amplitude, "N"), "length": (length, "m")}
 
     @classmethod
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003

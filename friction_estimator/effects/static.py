@@ -10,10 +10,15 @@ from friction_estimator.effects.base import Effect, Key, Params, Words, chosen, 
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.reference import Reference
+from friction_estimator.effects.shapes import FREE, HATS, hats, place_of, weights_at
 from friction_estimator.effects.trace import Trace
 
 SIGN_SHARE = 60.0
 """The simulated Coulomb level turns its sign within the top speed over this, as in a record without a theory."""
+
+
+LOW_SPEED = 0.03
+"""Share of the top speed at which the level of a free shape is stated: the boundary level, not the viscous part."""
 
 
 @effect
@@ -51,20 +56,30 @@ class DirectionAsymmetry(Effect):
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
-        """Return |F| / 2, or [|F| / 2, |v| |F|]."""
+        """Return |F| / 2, or that with |F| sqrt(|v|) / 2, or |F| / 2 times hat functions of the speed."""
+        shape = params["shape"]
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
             force = 0.5 * np.abs(f.force_N)
-            if params["shape"] < 0.5:
+            if shape >= FREE:
+                return force[:, None] * hats(f.velocity_m_s, r)
+            if shape < 0.5:
                 return force
             return np.column_stack([force, force * np.sqrt(np.abs(f.velocity_m_s) / r.top_m_s)])
 
-        return Columns(compute, 1 if params["shape"] < 0.5 else 2)
+        return Columns(compute, HATS if shape >= FREE else 1 if shape < 0.5 else 2)
+
+    @classmethod
+    def variants(cls, params: Params) -> list[dict[str, float]]:
+        """Directions that differ by another share at each speed."""
+        return [dict(params) | {"shape": FREE}]
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
         """Relative difference of the friction at the rms speed of a sine."""
         shape = np.array([1.0, 2.0**-0.25])[: len(weights)]
+        if len(weights) == HATS:
+            shape = weights_at(place_of(2.0**-0.5))[0]
         return {"asymmetry": (float(shape @ weights), "")}
 
     signs = (0, 0)
@@ -124,23 +139,37 @@ class PressureDependence(Effect):
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
-        """Return (p - pm) S, and of (p - pm) v and (p - pm)^2 S those that the parameters ask for."""
+        """Return (p - pm) S, and of (p - pm) v and (p - pm)^2 S those that the parameters ask for.
+
+        In the free shape (p - pm) S is taken times hat functions of the speed.
+        """
         viscous, curved = params["viscous"] >= 0.5, params.get("curvature", 0.0) >= 0.5
+        free = params.get("shape", 0.0) >= FREE
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
             lift = f.pressure_Pa - params["mean"]
             columns = [lift * r.smooth_sign(f.velocity_m_s)]
+            if free:
+                columns = list((columns[0][:, None] * hats(f.velocity_m_s, r)).T)
             if viscous:
                 columns.append(lift * f.velocity_m_s)
             if curved:
-                columns.append(lift * columns[0])
+                columns.append(np.square(lift) * r.smooth_sign(f.velocity_m_s))
             return np.column_stack(columns)
 
-        return Columns(compute, 1 + viscous + curved)
+        return Columns(compute, (HATS if free else 1) + viscous + curved)
+
+    @classmethod
+    def variants(cls, params: Params) -> list[dict[str, float]]:
+        """A level that depends on the pressure by another share at each speed."""
+        return [dict(params) | {"shape": FREE, "viscous": 0.0}]
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
         """Change of level, and of slope, per pressure."""
+        if params.get("shape", 0.0) >= FREE:
+            low = weights_at(place_of(LOW_SPEED))[0]
+            weights = np.concatenate([[low @ weights[:HATS]], weights[HATS:]])
         names = [("boundary", "N/Pa")]
         if params["viscous"] >= 0.5:
             names.append(("viscous", "N s/m/Pa"))

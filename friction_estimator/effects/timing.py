@@ -15,6 +15,7 @@ from friction_estimator.effects.grids import beyond_time, times
 from friction_estimator.effects.kernels import RING, force_delay, force_lag
 from friction_estimator.effects.reference import FORCE, Reference
 from friction_estimator.effects.trace import Trace
+from friction_estimator.effects.whole import StaticTables
 
 
 @effect
@@ -80,6 +81,11 @@ class TimeDelay(Effect):
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
         """Neither far below a sample nor a good part of a stroke."""
         return beyond_time("delay", params["delay"], context)
+
+    @classmethod
+    def whole(cls, params: Params, tables: StaticTables, features: Features) -> Floats:
+        """Return the columns at t - D."""
+        return tables.delayed(features, params["delay"])
 
     signs = (1,)
     fixed_gain = True
@@ -156,6 +162,11 @@ class SensorLowpass(Effect):
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
         """Neither far below a sample nor a good part of a stroke."""
         return beyond_time("time constant", params["time_constant"], context)
+
+    @classmethod
+    def whole(cls, params: Params, tables: StaticTables, features: Features) -> Floats:
+        """Return the lagged columns."""
+        return tables.lagged(features, params["time_constant"])
 
     signs = (1,)
     fixed_gain = True
@@ -240,6 +251,11 @@ class VelocityDelay(Effect):
             return r.force(ahead, f.pressure_Pa) - r.force(f.velocity_m_s, f.pressure_Pa)
 
         return Columns(compute, filtered=True)
+
+    @classmethod
+    def whole(cls, params: Params, tables: StaticTables, features: Features) -> Floats:
+        """Return the columns at t + D."""
+        return tables.delayed(features, -params["delay"])
 
     signs = (1,)
     fixed_gain = True

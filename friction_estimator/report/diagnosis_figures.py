@@ -9,8 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from friction_estimator.core.sample import Bools, Floats
-from friction_estimator.diagnosis.diagnose import Diagnosis, Found
+from friction_estimator.diagnosis.result import Diagnosis, Found
 from friction_estimator.effects.base import EFFECTS
+from friction_estimator.effects.detection import Fault
 from friction_estimator.effects.grids import first_distance_m
 from friction_estimator.report import style
 
@@ -49,8 +50,11 @@ def write_diagnosis_figures(result: Diagnosis, folder: str | os.PathLike[str]) -
     place = Path(folder)
     out = {}
     for found in result.effects:
-        figure = _modelled(result, found) if found.term is not None else _fault(result, found)
-        out[found.name] = style.save(figure, place / f"{found.name}.png")
+        out[found.name] = style.save(_modelled(result, found), place / f"{found.name}.png")
+    for fault in result.faults:
+        figure = Figure(figsize=(10, 4.2))
+        FIGURES[EFFECTS[fault.name].figure](figure, result, fault)
+        out[fault.name] = style.save(figure, place / f"{fault.name}.png")
     if result.remainder is not None:
         out["remainder"] = style.save(_remainder(result), place / "remainder.png")
     return out
@@ -58,7 +62,7 @@ def write_diagnosis_figures(result: Diagnosis, folder: str | os.PathLike[str]) -
 
 def _modelled(result: Diagnosis, found: Found) -> Figure:
     """Residual before, with the fitted term; residual after."""
-    number = found.term or 0
+    number = found.term
     before, after = result.models[number], result.models[number + 1]
     # The term as it stands in the final model; what the residual lacked before is its projected part.
     name = EFFECTS[found.name].reveals
@@ -99,24 +103,17 @@ def _reach(name: str, found: Found, result: Diagnosis) -> float:
     return max(NEAR[name] * (sizes[0] if sizes else 4.0 * one), FEWEST_SHOWN * one)
 
 
-def _fault(result: Diagnosis, found: Found) -> Figure:
-    """Show a fault of the data where one sees it."""
-    figure = Figure(figsize=(10, 4.2))
-    FIGURES[EFFECTS[found.name].figure](figure, result, found)
-    return figure
-
-
-def _lattice(figure: Figure, result: Diagnosis, found: Found) -> None:
+def _lattice(figure: Figure, result: Diagnosis, found: Fault) -> None:
     """The values about the median, and an excerpt at the largest."""
-    step = found.parameters["step"].value
+    step = found.parameters["step"][0]
     force = result.raw.friction_N
     near = force[np.abs(force - float(np.median(force))) < 12 * step]
     _histogram_of(figure, result, near, 240, f"values lie {step:.3g} N apart")
 
 
-def _histogram(figure: Figure, result: Diagnosis, found: Found) -> None:
+def _histogram(figure: Figure, result: Diagnosis, found: Fault) -> None:
     """The values near a level at which they pile up, and an excerpt at the largest."""
-    level = found.parameters["level"].value
+    level = found.parameters["level"][0]
     force = result.raw.friction_N
     _histogram_of(figure, result, force[np.abs(force) > 0.8 * level], 160, f"values pile up at {level:.4g} N")
 
@@ -128,11 +125,11 @@ def _histogram_of(figure: Figure, result: Diagnosis, values: Floats, bins: int, 
     _excerpt(axes[1], result, int(np.argmax(np.abs(result.raw.friction_N))))
 
 
-def _scatter_after_reversal(figure: Figure, result: Diagnosis, found: Found) -> None:
+def _scatter_after_reversal(figure: Figure, result: Diagnosis, found: Fault) -> None:
     axes = figure.subplots(1, 2)
     residual = result.models[-1].residual_N
     since = result.record.features.since_reversal_s
-    used = result.record.used & np.isfinite(since) & (since < 8.0 * found.parameters["decay"].value)
+    used = result.record.used & np.isfinite(since) & (since < 8.0 * found.parameters["decay"][0])
     _cloud(axes[0], since * 1e3, residual, used)
     axes[0].set(title="residual after reversals", xlabel="time since the reversal (ms)", ylabel="residual (N)")
     edges = np.quantile(since[used], np.linspace(0.0, 1.0, 31))
@@ -140,7 +137,7 @@ def _scatter_after_reversal(figure: Figure, result: Diagnosis, found: Found) -> 
     spread = [float(np.sqrt(np.mean(np.square(residual[used][cell == k])))) for k in range(30) if np.any(cell == k)]
     middle = [float(since[used][cell == k].mean()) * 1e3 for k in range(30) if np.any(cell == k)]
     axes[1].plot(middle, spread, "o-", ms=3, color=style.RESIDUAL, label="measured")
-    a, d = found.parameters["amplitude"].value, found.parameters["decay"].value * 1e3
+    a, d = found.parameters["amplitude"][0], found.parameters["decay"][0] * 1e3
     floor = float(np.min(spread))
     fitted = np.sqrt(floor**2 + 0.5 * a * a * np.exp(-2.0 * np.array(middle) / d))
     axes[1].plot(middle, fitted, color=style.PREDICTED, label="fitted burst")
@@ -150,7 +147,7 @@ def _scatter_after_reversal(figure: Figure, result: Diagnosis, found: Found) -> 
     axes[1].legend()
 
 
-def _velocity(figure: Figure, result: Diagnosis, found: Found) -> None:  # noqa: ARG001
+def _velocity(figure: Figure, result: Diagnosis, found: Fault) -> None:  # noqa: ARG001
     """Reported velocity and the derivative of the position, in time and one against the other."""
     axes = figure.subplots(1, 2)
     time, reported = result.raw.features.time_s, result.raw.features.velocity_m_s
@@ -165,13 +162,13 @@ def _velocity(figure: Figure, result: Diagnosis, found: Found) -> None:  # noqa:
     )
 
 
-def _stamps(figure: Figure, result: Diagnosis, found: Found) -> None:
+def _stamps(figure: Figure, result: Diagnosis, found: Fault) -> None:
     """Steps between stamps, and the position about the place where they jump."""
     axes = figure.subplots(1, 2)
     time, position = result.raw.features.time_s, result.raw.features.position_m
     axes[0].plot(time[1:], np.diff(time) * 1e3, ".", ms=2, color=style.MEASURED)
     axes[0].set(title="steps between stamps", xlabel="time (s)", ylabel="step (ms)")
-    at = found.parameters["at"].value if "at" in found.parameters else float(time[time.size // 2])
+    at = found.parameters["at"][0] if "at" in found.parameters else float(time[time.size // 2])
     middle = int(np.searchsorted(time, at))
     part = slice(max(0, middle - 40), middle + 40)
     axes[1].plot(time[part], position[part] * 1e3, ".-", ms=4, color=style.MEASURED)
@@ -179,7 +176,7 @@ def _stamps(figure: Figure, result: Diagnosis, found: Found) -> None:
     axes[1].set(ylabel="position (mm)")
 
 
-def _position(figure: Figure, result: Diagnosis, found: Found) -> None:  # noqa: ARG001
+def _position(figure: Figure, result: Diagnosis, found: Fault) -> None:  # noqa: ARG001
     """The position as it was recorded and as it is used."""
     axes = figure.subplots()
     time, used = result.raw.features.time_s, result.record.features.position_m
@@ -191,13 +188,13 @@ def _position(figure: Figure, result: Diagnosis, found: Found) -> None:  # noqa:
     axes.legend(fontsize=8, loc="upper right")
 
 
-def _smoothed_velocity(figure: Figure, result: Diagnosis, found: Found) -> None:  # noqa: ARG001
+def _smoothed_velocity(figure: Figure, result: Diagnosis, found: Fault) -> None:  # noqa: ARG001
     """What was smoothed off the velocity, and an excerpt."""
     before, after = result.raw.features.velocity_m_s, result.record.features.velocity_m_s
     _smoothed(figure, result, before * 1e3, after * 1e3, "velocity (mm/s)")
 
 
-def _smoothed_pressure(figure: Figure, result: Diagnosis, found: Found) -> None:  # noqa: ARG001
+def _smoothed_pressure(figure: Figure, result: Diagnosis, found: Fault) -> None:  # noqa: ARG001
     """What was smoothed off the pressure, and an excerpt."""
     before, after = result.raw.features.pressure_Pa, result.record.features.pressure_Pa
     _smoothed(figure, result, before * 1e-5, after * 1e-5, "gauge pressure (bar)")
@@ -215,7 +212,7 @@ def _smoothed(figure: Figure, result: Diagnosis, before: Floats, after: Floats, 
     axes[1].legend(fontsize=8)
 
 
-def _masked(figure: Figure, result: Diagnosis, found: Found) -> None:
+def _masked(figure: Figure, result: Diagnosis, found: Fault) -> None:
     """The residual in time with the masked samples marked, and an excerpt about the first of them."""
     axes = figure.subplots(1, 2)
     raw, record = result.raw, result.record
@@ -231,7 +228,7 @@ def _masked(figure: Figure, result: Diagnosis, found: Found) -> None:
     _excerpt(axes[1], result, where)
 
 
-FIGURES: dict[str, Callable[[Figure, Diagnosis, Found], None]] = {
+FIGURES: dict[str, Callable[[Figure, Diagnosis, Fault], None]] = {
     "lattice": _lattice,
     "histogram": _histogram,
     "scatter": _scatter_after_reversal,

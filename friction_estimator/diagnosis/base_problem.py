@@ -1,0 +1,379 @@
+"""The base model of the diagnosis: theory and odd static curve through one short FIR, the theory with lags of its own.
+
+    f[k] = sum_i h_i S(v[k-i]) + sum_i c_i (d[k-i] - d[k]),   h_0 = 1,   S(v; p, T) = a d(v; p, T) + sum_j w_j B_j(v)
+
+with odd splines B_j: the even part of the curve and its value at standstill are hypotheses (direction_asymmetry,
+sensor_bias), so they are no part of it. h acts on the whole static force and is not negative: it cannot differentiate,
+and so does not swallow inertia. c lets theory and mismatch have unlike memory, as the paper's parallel structure does.
+
+Taps have the TC prior of the learned model (`core.model.prior.decaying`), the error power is weighed by its `COLOUR`:
+what a structure leaves repeats with the drive. The fit minimises the negative log posterior by Gauss-Newton steps that
+are halved until they descend, from several starts; everything happens in the products of `lagged`.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import BSpline
+from scipy.linalg import cho_factor, cho_solve
+
+from friction_estimator.core.fit.posterior import COLOUR
+from friction_estimator.core.model.prior import decaying
+from friction_estimator.core.model.theory import theory_from_config
+from friction_estimator.core.sample import Bools, Floats
+from friction_estimator.core.settings.config import Config
+from friction_estimator.diagnosis.lagged import Extra, LaggedProducts, total
+from friction_estimator.diagnosis.record import Record
+from friction_estimator.effects.base import Effect
+from friction_estimator.effects.whole import StaticTables
+
+SPLINES = 12
+BEND = 60.0
+"""Knots are asinh-spaced in velocity: v_max / BEND is where the spacing begins to grow."""
+
+TAP_DEVIATION, TAP_DECAY = 0.15, 0.4
+"""Of the TC kernel of the taps h_1, h_2, ...: a memory of the rig of a sample or two is usual, a longer one is news."""
+
+OWN_LAGS = 3.0
+"""Deviation of the theory's own lags over that of the taps."""
+
+CURVE_DEVIATION = 30.0
+"""Prior standard deviation of a spline weight over the rms of friction: keeps unvisited velocities at zero."""
+
+THEORY_DEVIATION = 10.0
+"""Prior standard deviation of the theory's gain: its scale is an assumption."""
+
+STARTS: tuple[tuple[float, float], ...] = ((0.0, 0.0), (0.3, 0.3), (1.0, 0.6), (2.0, 0.8))
+"""First tap and ratio of the taps that the fit starts from."""
+
+STEPS = 40
+HALVINGS = 12
+CONVERGED = 1e-6
+"""Relative decrease of the cost at which the descent ends."""
+
+ALARM = 0.05
+"""Share of the error power that the tangent may promise beyond the fit before the fit is called unfinished."""
+
+PRESSURE_NODES = 5
+
+
+class OddCurve:
+    """Odd cubic splines of velocity, finest near standstill.
+
+    >>> curve = OddCurve(0.1, 12)
+    >>> v = np.linspace(-0.1, 0.1, 11)
+    >>> bool(np.allclose(curve(v), -curve(-v)))
+    True
+    """
+
+    def __init__(self, top_m_s: float, count: int = SPLINES) -> None:
+        self.top = top_m_s
+        self.bend = top_m_s / BEND
+        self.count = count
+        inside = np.linspace(-1.0, 1.0, 2 * count - 1)
+        self._knots = np.concatenate([[-1.0] * 3, inside, [1.0] * 3])
+
+    def __call__(self, velocity_m_s: Floats) -> Floats:
+        """Return (n, count)."""
+        place = np.arcsinh(np.clip(velocity_m_s, -self.top, self.top) / self.bend) / np.arcsinh(BEND)
+        full = BSpline.design_matrix(np.clip(place, -1.0, 1.0), self._knots, 3).toarray()
+        mirrored = full[:, ::-1]
+        return np.asarray((full - mirrored)[:, full.shape[1] - self.count :])
+
+
+@dataclass(frozen=True)
+class Capacity:
+    """How fine the base model is: splines of the static curve, order of the FIR."""
+
+    splines: int
+    order: int
+
+
+@dataclass(frozen=True)
+class Coefficients:
+    """Parameters of the base model with those of further linear columns, and the cost that they reach.
+
+    Attributes
+    ----------
+    weights : (m,), theory's gain first where there is one, then the splines', N. taps : (p,), h_1 ....
+    own : (p,), c_1 ..., or empty without a theory. extra : (c,).
+    cost : negative log posterior times twice the residual variance, N^2. power : error power, summed, N^2.
+    count : samples. promise : share of the power that one more undamped step promises.
+    """
+
+    weights: Floats
+    taps: Floats
+    own: Floats
+    extra: Floats
+    cost: float
+    power: float
+    count: float
+    variance: float
+    promise: float
+
+    @property
+    def memory_energy(self) -> float:
+        """Squared prior deviations of the memory from none: minus twice the log prior of taps and own lags."""
+        if not self.taps.size:
+            return 0.0
+        inverse = np.linalg.inv(tap_covariance(self.taps.size))
+        own = self.own / OWN_LAGS
+        return float(self.taps @ inverse @ self.taps + (own @ inverse @ own if own.size else 0.0))
+
+
+def tap_covariance(order: int) -> Floats:
+    """Return the prior covariance of h_1 ... h_p."""
+    return decaying(order, TAP_DEVIATION, TAP_DECAY)
+
+
+Whole = tuple[type[Effect], Mapping[str, float]]
+"""An effect that is one time of the whole force, and its parameters."""
+
+
+class BaseProblem:
+    """The base model on one record: its columns, their products, its prior.
+
+    Parameters
+    ----------
+    record : the data. config : theory. capacity : of the curve and the FIR.
+    """
+
+    def __init__(
+        self,
+        record: Record,
+        config: Config,
+        capacity: Capacity,
+        whole: Whole | None = None,
+        tables: StaticTables | None = None,
+    ) -> None:
+        f = record.features
+        self.record, self.config, self.capacity = record, config, capacity
+        self.theory = theory_from_config(config)
+        self.curve = OddCurve(float(np.abs(f.velocity_m_s).max()), capacity.splines)
+        if whole is None:
+            static = self.columns(f.velocity_m_s, f.pressure_Pa, f.temperature_degC)
+        else:
+            effect, params = whole
+            static = effect.whole(params, tables or self.tables, f)
+        used = record.used
+        self.products = LaggedProducts(static, capacity.order, record.friction_N, used, record.restart, record.block)
+        self.scale = float(np.sqrt(np.mean(np.square(record.friction_N[used])))) or 1.0
+        lead = 1 if self.theory is not None else 0
+        self.own = capacity.order * lead
+        curve = np.full(static.shape[1], 1.0 / (CURVE_DEVIATION * self.scale) ** 2)
+        curve[:lead] = 1.0 / THEORY_DEVIATION**2
+        taps = np.linalg.inv(tap_covariance(capacity.order)) if capacity.order else np.zeros((0, 0))
+        size = static.shape[1] + capacity.order + self.own
+        self.information = np.zeros((size, size))
+        m, p = static.shape[1], capacity.order
+        self.information[:m, :m] = np.diag(curve)
+        self.information[m : m + p, m : m + p] = taps
+        if self.own:
+            self.information[m + p :, m + p :] = taps / OWN_LAGS**2
+
+    def columns(self, velocity_m_s: Floats, pressure_Pa: Floats, temperature_degC: Floats) -> Floats:
+        """Return theory (where there is one) and splines, (n, m)."""
+        static = self.curve(velocity_m_s)
+        if self.theory is None:
+            return static
+        return np.column_stack([self.theory.evaluate(velocity_m_s, pressure_Pa, temperature_degC), static])
+
+    @cached_property
+    def tables(self) -> StaticTables:
+        """The columns over velocity and pressure, at the mean temperature."""
+        f = self.record.features
+        warm = float(f.temperature_degC.mean())
+        nodes = pressure_nodes(f.pressure_Pa)
+        return StaticTables.of(lambda v, p: self.columns(v, p, np.full(v.size, warm)), self.curve.top, nodes)
+
+    def mean_delay(self, found: Coefficients) -> float:
+        """Return the mean delay of the memory behind the static force, in samples: its phase at low frequency."""
+        force = self.products.static @ found.weights
+        lags = np.arange(1, found.taps.size + 1)
+        delay = float(lags @ found.taps)
+        if found.own.size:
+            share = float(self.products.static[:, 0] @ force) / max(float(force @ force), 1e-300)
+            delay += share * float(lags @ found.own)
+        return delay / max(1.0 + float(found.taps.sum()), 1e-3)
+
+    def with_whole(self, effect: type[Effect], params: Mapping[str, float]) -> "BaseProblem":
+        """Return the problem with one time of the whole force in its static columns."""
+        return BaseProblem(self.record, self.config, self.capacity, (effect, params), self.tables)
+
+    # Coefficients of the lagged columns
+
+    def spread(self, weights: Floats, taps: Floats, own: Floats) -> Floats:
+        """Return the coefficients of the lagged columns, (L,)."""
+        out = np.outer(np.concatenate([[1.0], taps]), weights)
+        if own.size:
+            out[1:, 0] += own
+            out[0, 0] -= own.sum()
+        return out.ravel()
+
+    def jacobian(self, weights: Floats, taps: Floats, own: Floats, level: bool = False) -> Floats:
+        """Return d spread / d (weights, taps, own), (L, m + p + own).
+
+        `level` takes from each tap's column what would change the static gain: the same span, better conditioned.
+        """
+        m, p = weights.size, taps.size
+        out = np.zeros((p + 1, m, m + p + own.size))
+        lags = np.concatenate([[1.0], taps])
+        for j in range(m):
+            out[:, j, j] = lags
+        for i in range(p):
+            out[i + 1, :, m + i] = weights
+            if level:
+                out[0, :, m + i] -= weights
+            if own.size:
+                out[i + 1, 0, m + p + i] = 1.0
+                out[0, 0, m + p + i] = -1.0
+        return out.reshape((p + 1) * m, -1)
+
+    def fit(
+        self,
+        extra: Extra | None = None,
+        settled: Extra | None = None,
+        rows: Bools | None = None,
+        starts: Sequence[Coefficients] = (),
+    ) -> Coefficients:
+        """Fit the base model, jointly with linear columns where given.
+
+        Parameters
+        ----------
+        extra : columns with free coefficients. settled : one column of coefficient one, already taken off the products
+            of `extra` with the force.
+        rows : (blocks,) bool, blocks that are fitted (default all).
+        starts : fits to start from (their taps), in place of `STARTS`.
+        """
+        normal = _Normal(self, extra, settled, rows)
+        if starts:
+            found = [normal.descend(s.taps, s) for s in starts]
+        else:
+            order = self.capacity.order
+            found = [
+                normal.descend(np.asarray(first * ratio ** np.arange(order), np.float64))
+                for first, ratio in STARTS[: 4 if order else 1]
+            ]
+        return min(found, key=lambda c: c.cost)
+
+
+class _Normal:
+    """Normal equations of one fit, summed over its blocks."""
+
+    def __init__(self, problem: BaseProblem, extra: Extra | None, settled: Extra | None, rows: Bools | None) -> None:
+        products = problem.products
+        self.problem = problem
+        size = products.size
+        width = 0 if extra is None else extra.xx.shape[1]
+        self.gram = np.empty((size + width, size + width))
+        self.right = np.empty(size + width)
+        self.gram[:size, :size] = total(products.gram, rows)
+        self.right[:size] = total(products.cross, rows)
+        self.power = float(total(products.power, rows))
+        self.count = max(float(total(products.count, rows)), 1.0)
+        if extra is not None:
+            self.gram[:size, size:] = total(extra.mx, rows)
+            self.gram[size:, :size] = self.gram[:size, size:].T
+            self.gram[size:, size:] = total(extra.xx, rows)
+            self.right[size:] = total(extra.xy, rows)
+        if settled is not None:
+            self.right[:size] -= total(settled.mx, rows)[:, 0]
+            self.power += float(total(settled.xx, rows)[0, 0] - 2.0 * total(settled.xy, rows)[0])
+        self.width = width
+
+    def error_power(self, all_: Floats) -> float:
+        return float(self.power - 2.0 * self.right @ all_ + all_ @ self.gram @ all_)
+
+    def linear(self, taps: Floats, variance: float) -> tuple[Floats, Floats, Floats]:
+        """Return weights, own lags and extra coefficients of least cost for fixed taps."""
+        problem = self.problem
+        m, p, own = problem.products.width, taps.size, problem.own
+        t = np.zeros((problem.products.size + self.width, m + own + self.width))
+        whole = problem.jacobian(np.zeros(m), taps, np.zeros(own))
+        t[: problem.products.size, :m] = whole[:, :m]
+        t[: problem.products.size, m : m + own] = whole[:, m + p :]
+        t[problem.products.size :, m + own :] = np.eye(self.width)
+        keep = np.concatenate([np.arange(m), np.arange(m + p, m + p + own)])
+        known = np.zeros((t.shape[1], t.shape[1]))
+        known[: m + own, : m + own] = variance * problem.information[np.ix_(keep, keep)]
+        theta = _solved(t.T @ self.gram @ t + known, t.T @ self.right)
+        return theta[:m], theta[m : m + own], theta[m + own :]
+
+    def cost(self, weights: Floats, taps: Floats, own: Floats, extra: Floats, variance: float) -> tuple[float, float]:
+        """Return cost and error power, N^2."""
+        power = self.error_power(np.concatenate([self.problem.spread(weights, taps, own), extra]))
+        theta = np.concatenate([weights, taps, own])
+        return power + variance * float(theta @ self.problem.information @ theta), power
+
+    def descend(self, taps: Floats, start: Coefficients | None = None) -> Coefficients:
+        """Gauss-Newton with step halving from these taps."""
+        problem = self.problem
+        floor = 1e-18 * self.problem.scale**2
+        variance = COLOUR * max(start.power / start.count, floor) if start else (0.1 * problem.scale) ** 2
+        taps = np.array(taps)
+        weights, own, extra = self.linear(taps, variance)
+        promise = 0.0
+        for _ in range(3):  # the variance is that of the fit itself
+            cost, power = self.cost(weights, taps, own, extra, variance)
+            for _ in range(STEPS):
+                step, promise = self.step(weights, taps, own, extra, variance)
+                share = 1.0
+                for _ in range(HALVINGS):
+                    trial = np.maximum(taps + share * step, 0.0)
+                    w, c, x = self.linear(trial, variance)
+                    new, new_power = self.cost(w, trial, c, x, variance)
+                    if new < cost:
+                        break
+                    share *= 0.5
+                else:
+                    break
+                gained = cost - new
+                weights, taps, own, extra, cost, power = w, trial, c, x, new, new_power
+                if gained < CONVERGED * cost:
+                    break
+            last, variance = variance, COLOUR * max(power / self.count, floor)
+            if abs(variance - last) < 0.05 * last:
+                break
+        return Coefficients(weights, taps, own, extra, cost, power, self.count, variance, promise / max(power, 1e-300))
+
+    def step(self, weights: Floats, taps: Floats, own: Floats, extra: Floats, variance: float) -> tuple[Floats, float]:
+        """Return the Gauss-Newton step of the taps (taps at zero that would go below stay), and what it promises."""
+        problem = self.problem
+        m, p, size = weights.size, taps.size, problem.products.size
+        t = np.zeros((size + self.width, m + p + own.size + self.width))
+        t[:size, : m + p + own.size] = problem.jacobian(weights, taps, own)
+        t[size:, m + p + own.size :] = np.eye(self.width)
+        theta = np.concatenate([weights, taps, own, extra])
+        known = np.zeros((theta.size, theta.size))
+        base = m + p + own.size
+        known[:base, :base] = variance * problem.information
+        all_ = np.concatenate([problem.spread(weights, taps, own), extra])
+        hessian = t.T @ self.gram @ t + known
+        pull = t.T @ (self.right - self.gram @ all_) - known @ theta
+        held: list[int] = []
+        for _ in range(p + 1):
+            free = np.setdiff1d(np.arange(theta.size), held)
+            move = np.zeros(theta.size)
+            move[free] = _solved(hessian[np.ix_(free, free)], pull[free])
+            low = [m + i for i in range(p) if taps[i] <= 0.0 and move[m + i] < 0.0]
+            if not low:
+                break
+            held = sorted({*held, *low})
+        promise = float(2.0 * pull @ move - move @ hessian @ move)
+        return move[m : m + p], promise
+
+
+def _solved(matrix: Floats, right: Floats) -> Floats:
+    """Solve a symmetric positive system after scaling its diagonal to one; rounding's share is added to it."""
+    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    scaled = matrix / np.outer(size, size)
+    scaled[np.diag_indices_from(scaled)] += 1e-11
+    return np.asarray(cho_solve(cho_factor(scaled), right / size) / size)
+
+
+def pressure_nodes(pressure_Pa: Floats) -> Floats:
+    """Return the pressures at which curves are tabulated, Pa."""
+    low, high = float(pressure_Pa.min()), float(pressure_Pa.max())
+    return np.array([low]) if high - low < 1e-3 * max(abs(high), 1.0) else np.linspace(low, high, PRESSURE_NODES)

@@ -1,0 +1,36 @@
+"""Free shapes over speed, for causes whose dependence on speed no formula tells: hat functions of |v|.
+
+hat_j(|v|),  j = 0 ... HATS - 1,  sum_j hat_j = 1,  nodes evenly spaced in asinh(|v| / bend)
+"""
+
+import numpy as np
+
+from friction_estimator.core.sample import Floats
+from friction_estimator.effects.reference import BEND, Reference
+
+HATS = 6
+"""Nodes from standstill to the top speed, closest at low speed."""
+
+FREE = 2.0
+"""Value of a regressor's key `shape` that asks for the free shape."""
+
+
+def hats(velocity_m_s: Floats, reference: Reference) -> Floats:
+    """Return the hat functions of the speed, (n, HATS)."""
+    place = np.arcsinh(np.abs(velocity_m_s) / reference.bend_m_s) / reference.reach
+    return weights_at(place)
+
+
+def weights_at(place: Floats) -> Floats:
+    """Return the hat functions at places from 0 (standstill) to 1 (top speed), (n, HATS).
+
+    >>> weights_at(np.array([0.0, 0.5])).sum(axis=1).tolist()
+    [1.0, 1.0]
+    """
+    nodes = np.arange(HATS)
+    return np.asarray(np.maximum(0.0, 1.0 - np.abs(np.clip(place, 0.0, 1.0)[:, None] * (HATS - 1) - nodes)))
+
+
+def place_of(share: float) -> Floats:
+    """Return the place of a share of the top speed, (1,)."""
+    return np.array([np.arcsinh(share * BEND) / np.arcsinh(BEND)])

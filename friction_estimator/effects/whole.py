@@ -1,0 +1,148 @@
+"""One time of the whole force: what a delay or a filter makes of the columns of a static curve, exactly.
+
+A delay of the whole force lies nearly in the span of the FIR of a base model. So it is no column beside the base but a
+change of the base itself: its static columns are evaluated at the velocity of another time, or filtered, and everything
+else is fitted anew. Columns come from tables over velocity and pressure; velocity is linear between samples.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from friction_estimator.core.sample import Floats
+from friction_estimator.effects.features import Features
+from friction_estimator.effects.kernels import substeps
+
+VELOCITIES = 1601
+BEND = 200.0
+"""Table velocities are asinh-spaced: v_max / BEND is where the spacing begins to grow."""
+
+
+@dataclass(frozen=True)
+class StaticTables:
+    """Columns of a static curve, tabulated.
+
+    Attributes
+    ----------
+    values : (pressures, VELOCITIES, m), N per unit coefficient. pressures_Pa : (pressures,), increasing.
+    bend_m_s, reach : of the asinh spacing.
+    """
+
+    values: Floats
+    pressures_Pa: Floats
+    bend_m_s: float
+    reach: float
+
+    @classmethod
+    def of(cls, columns: Callable[[Floats, Floats], Floats], top_m_s: float, pressures_Pa: Floats) -> "StaticTables":
+        """Tabulate `columns(velocity, pressure)` -> (n, m) up to a speed of `top_m_s`."""
+        bend = top_m_s / BEND
+        reach = float(np.arcsinh(BEND))
+        velocity = bend * np.sinh(np.linspace(-1.0, 1.0, VELOCITIES) * reach)
+        values = np.array([columns(velocity, np.full(velocity.size, p)) for p in pressures_Pa])
+        return cls(values, np.asarray(pressures_Pa, np.float64), bend, reach)
+
+    def delayed(self, features: Features, delay_s: float) -> Floats:
+        """Return the columns at velocity and pressure of `delay_s` earlier (later where negative), (n, m).
+
+        Within each gap-free piece; before its first sample and after its last that sample's values hold.
+        """
+        velocity, pressure = np.empty(features.size), np.empty(features.size)
+        _shifted(features.step_s, features.velocity_m_s, delay_s, velocity)
+        _shifted(features.step_s, features.pressure_Pa, delay_s, pressure)
+        out = np.empty((features.size, self.values.shape[2]))
+        args = (self.values, self.pressures_Pa, self.bend_m_s, self.reach)
+        _columns(velocity, pressure, *args, out)
+        return out
+
+    def lagged(self, features: Features, time_constant_s: float) -> Floats:
+        """Return the first-order lag of the columns, (n, m); each piece starts in equilibrium."""
+        out = np.empty((features.size, self.values.shape[2]))
+        args = (self.values, self.pressures_Pa, self.bend_m_s, self.reach)
+        f = features
+        _lagged(f.step_s, f.previous_m_s, f.velocity_m_s, f.pressure_Pa, time_constant_s, *args, out)
+        return out
+
+
+@njit(cache=True)
+def _shifted(step, velocity, delay, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    n = velocity.size
+    for k in range(n):
+        left, j = delay, k
+        if delay >= 0.0:
+            while j > 0 and step[j] > 0.0 and left > step[j]:
+                left -= step[j]
+                j -= 1
+            if j == 0 or step[j] <= 0.0:
+                out[k] = velocity[j]
+            else:
+                out[k] = velocity[j] + (velocity[j - 1] - velocity[j]) * left / step[j]
+        else:
+            left = -delay
+            while j < n - 1 and step[j + 1] > 0.0 and left > step[j + 1]:
+                left -= step[j + 1]
+                j += 1
+            if j == n - 1 or step[j + 1] <= 0.0:
+                out[k] = velocity[j]
+            else:
+                out[k] = velocity[j] + (velocity[j + 1] - velocity[j]) * left / step[j + 1]
+
+
+@njit(cache=True)
+def _place(pressures, bend, reach, steps, velocity, pressure):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    place = min(max((np.arcsinh(velocity / bend) / reach + 1.0) * 0.5 * steps, 0.0), float(steps))
+    i = min(int(place), steps - 1)
+    j, q = 0, 0.0
+    if pressures.size > 1:
+        while j < pressures.size - 2 and pressure > pressures[j + 1]:
+            j += 1
+        q = min(max((pressure - pressures[j]) / (pressures[j + 1] - pressures[j]), 0.0), 1.0)
+    return i, place - i, j, q
+
+
+@njit(cache=True)
+def _row(values, i, part, j, q, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    for c in range(out.size):
+        below = values[j, i, c] * (1.0 - part) + values[j, i + 1, c] * part
+        if q > 0.0:
+            above = values[j + 1, i, c] * (1.0 - part) + values[j + 1, i + 1, c] * part
+            below += (above - below) * q
+        out[c] = below
+
+
+@njit(cache=True)
+def _columns(velocity, pressure, values, pressures, bend, reach, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    steps = values.shape[1] - 1
+    for k in range(velocity.size):
+        i, part, j, q = _place(pressures, bend, reach, steps, velocity[k], pressure[k])
+        _row(values, i, part, j, q, out[k])
+
+
+@njit(cache=True)
+def _lagged(step, previous, velocity, pressure, tau, values, pressures, bend, reach, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    steps, width = values.shape[1] - 1, values.shape[2]
+    state, last, now = np.zeros(width), np.zeros(width), np.zeros(width)
+    for k in range(velocity.size):
+        if k == 0 or step[k] <= 0.0:
+            i, part, j, q = _place(pressures, bend, reach, steps, velocity[k], pressure[k])
+            _row(values, i, part, j, q, now)
+            for c in range(width):
+                state[c] = now[c]
+                last[c] = now[c]
+                out[k, c] = now[c]
+            continue
+        count = substeps(previous[k], velocity[k], bend)
+        dt = step[k] / count
+        decay = np.exp(-dt / tau)
+        for s in range(1, count + 1):
+            v = previous[k] + (velocity[k] - previous[k]) * s / count
+            i, part, j, q = _place(pressures, bend, reach, steps, v, pressure[k])
+            _row(values, i, part, j, q, now)
+            for c in range(width):
+                slope = (now[c] - last[c]) / dt
+                state[c] = now[c] - slope * tau + (state[c] - last[c] + slope * tau) * decay
+                last[c] = now[c]
+        for c in range(width):
+            out[k, c] = state[c]
