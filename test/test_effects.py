@@ -318,13 +318,11 @@ def test_features_integrate_position_where_none_is_recorded(samples: Samples) ->
 
 
 def test_a_ripple_has_a_phase_of_its_own_in_each_recording(features: Features, reference: Reference) -> None:
-    from types import SimpleNamespace
-
     from friction_estimator.effects.columns import amplitudes, own_phases
 
     columns = np.arange(2.0 * features.size).reshape(-1, 2)
     number = (np.arange(features.size) >= 100).astype(np.int64)
-    split = own_phases(columns, SimpleNamespace(size=features.size, recording=number), {"recordings": 2.0})  # type: ignore[arg-type]
+    split = own_phases(columns, replace(features, recording=number), {"recordings": 2.0})
     np.testing.assert_array_equal(split[:100], np.column_stack([columns[:100], 0.0 * columns[:100]]))
     np.testing.assert_array_equal(split[100:], np.column_stack([0.0 * columns[100:], columns[100:]]))
     assert amplitudes(np.array([3.0, 4.0, 0.0, 5.0]), {"recordings": 2.0}) == pytest.approx([5.0])
@@ -340,3 +338,13 @@ def test_a_figure_can_be_drawn_of_each(name: str) -> None:
     cls = EFFECTS[name]
     assert cls.figure in ("reveals", *FIGURES)
     assert (cls.figure == "reveals") == (cls.detects_at == "" and cls.counted.__func__ is Effect.counted.__func__)  # type: ignore[attr-defined]
+
+
+def test_a_spring_has_the_middle_of_each_recording(features: Features, reference: Reference, context: Context) -> None:
+    number = (np.arange(features.size) >= features.size // 2).astype(np.int64)
+    moved = replace(features, recording=number, position_m=features.position_m + 0.7 * number)
+    cls = EFFECTS["side_spring"]
+    assert cls.peaks(np.zeros(features.size), features, context) == []
+    (params,) = cls.peaks(np.zeros(features.size), moved, context)
+    column = cls.columns(params)(moved, reference)[:, 0]
+    np.testing.assert_allclose(column, features.position_m, atol=1e-5)

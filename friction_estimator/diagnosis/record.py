@@ -115,6 +115,7 @@ class Record:
             pressure_levels=int(np.count_nonzero(np.histogram(f.pressure_Pa, 10)[0] > 0.02 * f.size)),
             periods_s=self.periods_s,
             channels=tuple(channels),
+            longest_piece_s=float(np.bincount(f.piece, weights=f.step_s).max()),
         )
 
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from friction_estimator.core.sample import Floats, Ints
+from friction_estimator.core.sample import Floats
 from friction_estimator.effects.features import Features
 from friction_estimator.effects.kernels import fir
 from friction_estimator.effects.reference import Reference
@@ -60,12 +60,6 @@ RECORDINGS = "recordings"
 """Parameter of columns that have a phase of their own in each recording: the number of recordings."""
 
 
-def recording_of(features: Features) -> Ints:
-    """Return the number of the recording of each sample, (n,); one alone has the number 0."""
-    known = getattr(features, "recording", None)
-    return np.zeros(features.size, np.int64) if known is None else np.asarray(known, np.int64)
-
-
 def own_phases(columns: Floats, features: Features, params: Mapping[str, float]) -> Floats:
     """Return (n, c) columns as (n, c recordings): each recording has coefficients of its own.
 
@@ -74,7 +68,7 @@ def own_phases(columns: Floats, features: Features, params: Mapping[str, float])
     count = round(params.get(RECORDINGS, 1.0))
     if count == 1:
         return columns
-    number = np.minimum(recording_of(features), count - 1)
+    number = np.minimum(features.recording, count - 1)
     out = np.zeros((columns.shape[0], count, columns.shape[1]))
     out[np.arange(number.size), number] = columns
     return out.reshape(columns.shape[0], -1)
@@ -89,7 +83,7 @@ def amplitudes(weights: Floats, params: Mapping[str, float]) -> Floats:
 
 def several(features: Features) -> dict[str, float]:
     """Return the parameter that gives each recording its own phase, empty where there is one recording."""
-    count = int(recording_of(features).max()) + 1 if features.size else 1
+    count = int(features.recording.max()) + 1 if features.size else 1
     return {RECORDINGS: float(count)} if count > 1 else {}
 
 

@@ -101,9 +101,29 @@ class SideSpring(Effect):
         return chosen([context.centre_m], "centre")
 
     @classmethod
+    def peaks(cls, residual_N: Floats, features: Features, context: Context) -> list[dict[str, float]]:  # noqa: ARG003
+        """The middle of each recording's own stroke, where there are several: encoders may have other origins."""
+        numbers = np.unique(features.recording)
+        if numbers.size < 2:
+            return []
+        strokes = [features.position_m[features.recording == number] for number in numbers]
+        middles = [0.5 * float(x.min() + x.max()) for x in strokes]
+        return [{"centre": middles[0]} | {f"centre{k}": middle for k, middle in enumerate(middles) if k}]
+
+    @classmethod
     def columns(cls, params: Params) -> Columns:
-        """Return x - centre."""
-        return Columns(lambda f, _r, _s: f.position_m - params["centre"])
+        """Return x - centre; a recording beyond those that were fitted has the last centre."""
+        centres = np.array(
+            [
+                params["centre"],
+                *(params[f"centre{k}"] for k in range(1, sum(name.startswith("centre") for name in params))),
+            ]
+        )
+
+        def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
+            return np.asarray(f.position_m - centres[np.minimum(f.recording, centres.size - 1)])
+
+        return Columns(compute)
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003

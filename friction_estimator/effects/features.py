@@ -27,6 +27,7 @@ class Context:
     pressure_levels : number of tenths of that range in which at least 2 % of the samples lie.
     periods_s : periods of the drive found, s.
     channels : recorded channels beyond velocity and friction.
+    longest_piece_s : longest time without a gap, s; 0 where it is not known.
     """
 
     duration_s: float
@@ -43,7 +44,7 @@ class Context:
     pressure_levels: int = 1
     periods_s: tuple[float, ...] = ()
     channels: tuple[str, ...] = ()
-    ordered_pressure: bool = False
+    longest_piece_s: float = 0.0
 
 
 @dataclass(frozen=True)

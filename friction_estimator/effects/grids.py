@@ -92,7 +92,7 @@ def beyond_length(what: str, value_m: float, context: Context) -> str | None:
 
 def longest_piece_s(context: Context) -> float:
     """Return the longest time without a gap, s; the whole record where the context does not know it."""
-    return float(getattr(context, "longest_piece_s", 0.0)) or context.duration_s
+    return context.longest_piece_s or context.duration_s
 
 
 def longest_relaxation_s(context: Context) -> float:

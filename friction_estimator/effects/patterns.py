@@ -4,7 +4,7 @@ import numpy as np
 
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import Effect, Key, Params, Words, chosen, effect, form_key
-from friction_estimator.effects.columns import RECORDINGS, Columns, amplitudes, own_phases, recording_of, several
+from friction_estimator.effects.columns import RECORDINGS, Columns, amplitudes, own_phases, several
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import longest_piece_s
 from friction_estimator.effects.kernels import waves
@@ -55,8 +55,7 @@ class PositionDependence(Effect):
     @classmethod
     def peaks(cls, residual_N: Floats, features: Features, context: Context) -> list[dict[str, float]]:  # noqa: ARG003
         """Shorter wavelengths, and those with an origin of their own in each recording, from spectra over the place."""
-        number = recording_of(features)
-        found = ripple_wavelengths(residual_N, features.position_m, features.direction, number)
+        found = ripple_wavelengths(residual_N, features.position_m, features.direction, features.recording)
         return [{"wavelength": wavelength} | several(features) for wavelength in found]
 
     @classmethod
@@ -138,10 +137,8 @@ class PeriodicDisturbance(Effect):
     @classmethod
     def peaks(cls, residual_N: Floats, features: Features, context: Context) -> list[dict[str, float]]:
         """Lines of the residual's spectrum that are no harmonics of the drive."""
-        number = recording_of(features)
-        lines = spectral_lines(
-            residual_N, features.time_s, context.step_s, periods_s=context.periods_s, recording=number
-        )
+        time_s, number = features.time_s, features.recording
+        lines = spectral_lines(residual_N, time_s, context.step_s, periods_s=context.periods_s, recording=number)
         return [{"frequency": line} | several(features) for line in lines]
 
     @classmethod
