@@ -36,6 +36,13 @@ SAME = 0.02
 LEAST_SHARE, FEWEST_IN_ALL = 1.0 / 12.0, 3.0
 """Share of the recorded time, and cycles, that a period must explain."""
 
+MOST_PEAKS = 128
+"""Lags of a stretch that are looked at."""
+
+PARTS, ROUGHLY, LEAST_POWER = 8, 0.2, 1e-3
+"""Parts of a stretch that repeat each, the relative error at which a part still does (a lag is rounded to the grid, and
+noise weighs more where it is slow), and the share of the mean power below which a part only stands."""
+
 EXPLAINED = 0.5
 """Share of a stretch that one period explains, beyond which only a shorter one is of interest: where cycles of 1 s and
 5 s follow each other, the whole repeats after 5 s."""
@@ -143,13 +150,31 @@ def _period(time_s: Floats, travelled_m: Floats, start: float, stop: float) -> f
     inner = likeness[1:-1]
     peaks = 1 + np.flatnonzero((inner > likeness[:-2]) & (inner >= likeness[2:]))
     peaks = peaks[(peaks > low[0]) & (peaks >= LEAST_POINTS)]
-    if not peaks.size or float(likeness[peaks].max()) < ALIKE:
+    if not peaks.size:
         return 0.0
-    lag = int(peaks[np.argmax(likeness[peaks] >= float(likeness[peaks].max()) - AS_GOOD)])
-    before, at, after = (float(x) for x in likeness[lag - 1 : lag + 2])
-    bend = before - 2.0 * at + after
-    shift = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
-    return (lag + shift) * float(grid[1] - grid[0])
+    # A parabola through each peak: on a coarse grid its height and place lie between the points.
+    before, at, after = likeness[peaks - 1], likeness[peaks], likeness[peaks + 1]
+    bend = np.minimum(before - 2.0 * at + after, -1e-12)
+    shift, height = 0.5 * (before - after) / bend, at - np.square(before - after) / (8.0 * bend)
+    order = [k for k in np.flatnonzero(height >= ALIKE)[:MOST_PEAKS].tolist() if _repeats_throughout(v, int(peaks[k]))]
+    if not order:
+        return 0.0
+    good = max(float(height[k]) for k in order) - AS_GOOD
+    best = next(k for k in order if height[k] >= good)
+    return float((peaks[best] + shift[best]) * (grid[1] - grid[0]))
+
+
+def _repeats_throughout(values: Floats, lag: int) -> bool:
+    """Return whether each part of a stretch repeats after `lag`, however slow it is there.
+
+    Cycles of 1 s at speed and of 5 s at a fifth of it have, as one, nearly all their power in the first.
+    """
+    change, size = np.square(values[lag:] - values[:-lag]), np.square(values[lag:]) + np.square(values[:-lag])
+    least = LEAST_POWER * float(size.mean())
+    for part, power in zip(np.array_split(change, PARTS), np.array_split(size, PARTS), strict=True):
+        if power.mean() > least and part.mean() > ROUGHLY * power.mean():
+            return False
+    return True
 
 
 def _averaged(time_s: Floats, travelled_m: Floats, grid: Floats) -> Floats:

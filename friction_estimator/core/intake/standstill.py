@@ -112,7 +112,8 @@ def stopping(state, velocity, scale):  # type: ignore[no-untyped-def] # pragma: 
 
     The first is learned from all the same: at a fast passage the force at zero tells the memory of the contact.
     """
-    return state[RUN] >= 2.0 and abs(velocity) <= REST_SHARE * scale
+    least = REST_SHARE * scale
+    return state[AGE] >= 2.0 and abs(velocity) <= least and abs(state[BEFORE]) <= least
 
 
 @njit(cache=True)

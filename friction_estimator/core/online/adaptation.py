@@ -37,8 +37,12 @@ MOTION = 0.02
 
 
 def speeds(config: Config) -> tuple[float, float]:
-    """Return the speed above which running errors are averaged, and the velocity scale, m/s."""
-    return MOTION * config.velocity_scale, config.velocity_scale
+    """Return the speed above which running errors are averaged, and the top speed known so far, m/s.
+
+    The latter grows with the range: a first contact that saw little motion must not make standstill too fine.
+    """
+    top = max((config.velocity_scale, *map(abs, config.reach or ())))
+    return MOTION * config.velocity_scale, top
 
 
 LAWS: Registry[type[Law]] = Registry("law")

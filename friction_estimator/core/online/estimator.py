@@ -162,6 +162,7 @@ class Estimator:
         self.work = carried_over(self.work, self.model, model, prior)
         self.work.status[workspace.GROWN] += 1
         self.config = self.config.updated({"learned.velocity_range": model.basis.reach})
+        self.work.law[:] = self.law.constants(self.config)
         self.model, self._prior = model, prior
 
     def step(

@@ -354,7 +354,7 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
         begins = restart[k] or status[at.SEEN] == 0
         push(shape, ring, ring_theory, status, index[k], value[k], theory[k], begins)
         status[at.SEEN] += 1
-        scale = law[at.VELOCITY_SCALE]
+        scale = law[at.TOP_SPEED]
         standing = stands(rest, velocity[k], begins, scale)
         predicted[k] = regress(shape, theta, ring, ring_theory, status, extension[k], x)
         error = target[k] - predicted[k]

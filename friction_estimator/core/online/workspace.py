@@ -19,7 +19,7 @@ ABSORBED, PULL, LAST_ERROR, NEAREST, FARTHEST, OWED = range(7, 13)
 MOMENTS_SIZE = 13
 
 # Places in Workspace.law
-STEP, FLOOR, LEAST_LEVERAGE, RESIDUAL_VARIANCE, LEAST_SPEED, VELOCITY_SCALE = range(6)
+STEP, FLOOR, LEAST_LEVERAGE, RESIDUAL_VARIANCE, LEAST_SPEED, TOP_SPEED = range(6)
 
 START_POWER = 1.0
 """Running powers before the first sample: an error of one force unit is nothing unusual yet."""
