@@ -11,6 +11,7 @@ from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import SPLINES, BaseProblem, Capacity, Coefficients, OddCurve
 from friction_estimator.diagnosis.evidence import Evidence, Moments, Rule
 from friction_estimator.diagnosis.excitation import pressure_order
+from friction_estimator.diagnosis.floor import noise_floor
 from friction_estimator.diagnosis.joint import Joint, JointFit, Term, cross_validated_loss
 from friction_estimator.diagnosis.lagged import lagged
 from friction_estimator.diagnosis.library import build_library
@@ -48,6 +49,10 @@ another functional form of the first leaves there looks like the second."""
 
 EARLY = 2.5
 """Sample periods after a reversal without which an effect that acts everywhere must still gain."""
+
+SECOND_LEFT, ALIKE_LEFT = 0.2, 0.8
+"""Or this share of what the causes before it have left above the noise floor: a first cause of great power, a trait of
+the rig, must not hide a second one."""
 
 MOST_CAUSES = 5
 PLAIN = 10.0
@@ -161,10 +166,11 @@ class Searcher:
             finer = {} if causes or len(warnings) >= 2 else self._capacity_gains(model, evidence)
             wider = max(finer, key=lambda k: finer[k], default=None)
             lack = finer[wider] if wider is not None else 0.0
-            found = None
+            found, left = None, 0.0
             if passing and len(causes) < MOST_CAUSES:
                 progress(f"comparing causes {len(causes) + 1}", 0.2 + 0.12 * len(causes))
-                found = self._compare(model, losses[-1], passing, causes)
+                left = self._left(model, losses[-1])
+                found = self._compare(model, losses[-1], passing, causes, left)
             if wider is not None and lack > max(3.0 * thresholds[0], least, found.gain if found else 0.0):
                 self.problem = BaseProblem(self.record, self.config, wider)
                 what = "a finer static curve" if wider.splines > SPLINES else "a longer memory"
@@ -179,7 +185,7 @@ class Searcher:
             by_data = held > needed.get(found.name, least)
             if not (by_data or (effect.delays and saved > MEMORY_EVIDENCE * found.variance)):
                 break
-            if not self._enough(effect, found.gain, causes):
+            if not self._enough(effect, found.gain, causes, left):
                 break
             if by_data and not self._stands(model, found.joint):
                 refused.append(found.name)
@@ -208,15 +214,20 @@ class Searcher:
         model = JointFit(self.problem, self.context)()
         return [model], [cross_validated_loss(model, self.record, self.seed)]
 
-    def _enough(self, effect: type[Effect], gain: float, causes: Sequence[Cause]) -> bool:
-        """Return whether a cause brings enough beside what the first one brought."""
+    def _enough(self, effect: type[Effect], gain: float, causes: Sequence[Cause], left_N2: float) -> bool:
+        """Return whether a cause brings enough beside the first one, or of what is left above the floor."""
         if not causes:
             return True
         alike = effect.acts == REVERSAL and any(self.catalogue[c.name].acts == REVERSAL for c in causes)
-        return gain >= (ALIKE_SHARE if alike else SECOND_SHARE) * causes[0].gain
+        beside, of_left = (ALIKE_SHARE, ALIKE_LEFT) if alike else (SECOND_SHARE, SECOND_LEFT)
+        return gain >= beside * causes[0].gain or gain >= of_left * left_N2
+
+    def _left(self, model: Joint, loss: Floats) -> float:
+        """Return the held-out error power above the noise floor, summed, N^2."""
+        return max(0.0, float(loss.sum()) - self.samples * noise_floor(self.record, model.residual_N) ** 2)
 
     def _compare(
-        self, model: Joint, loss: Floats, passing: Sequence[Screened], causes: Sequence[Cause]
+        self, model: Joint, loss: Floats, passing: Sequence[Screened], causes: Sequence[Cause], left: float
     ) -> "_Compared | None":
         """Refit the best candidates jointly with base and earlier causes; return the winner and its equals."""
         fit = JointFit(self.problem, self.context)
@@ -242,7 +253,7 @@ class Searcher:
         # A recorded variable that changed is preferred to an unrecorded cause that would have had to change with it.
         slow = self.ordered and fits[winner].effect.acts == SLOW
         for name, one in fits.items():
-            enough = one.gain > MEASURED_SHARE * fits[winner].gain and self._enough(one.effect, one.gain, causes)
+            enough = one.gain > MEASURED_SHARE * fits[winner].gain and self._enough(one.effect, one.gain, causes, left)
             if slow and one.effect.recorded and enough:
                 winner = name
         best = fits[winner]

@@ -113,6 +113,12 @@ class Reference:
         )
 
     @property
+    def top_N(self) -> float:
+        """Force at the top speed and the medium pressure, N; 1 N where it is nothing."""
+        middle = np.array([float(np.mean(self.pressures_Pa))])
+        return abs(float(self.force(np.array([self.top_m_s]), middle)[0])) or 1.0
+
+    @property
     def reach(self) -> float:
         """asinh(top / bend)."""
         return float(np.arcsinh(self.top_m_s / self.bend_m_s))

@@ -14,6 +14,7 @@ from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import beyond_length, lengths
 from friction_estimator.effects.kernels import hysteron, play, rest_spike, slip_chain
 from friction_estimator.effects.reference import Reference
+from friction_estimator.effects.shapes import level
 from friction_estimator.effects.trace import Trace
 
 GAP_RATIO = 1.8
@@ -35,20 +36,10 @@ SPREAD = (0.125, 0.25, 0.5, 1.0, 2.0)
 
 
 def relative_level(features: Features, reference: Reference) -> Floats:
-    """Return the level F / S that bristles carry in steady sliding, (n,), over that at low speed, mid pressure."""
-
-    def level(speed: Floats, pressure: Floats) -> Floats:
-        moving = np.maximum(speed, LOWEST * reference.sign_velocity_m_s)
-        return reference.force(moving, pressure) / reference.smooth_sign(moving)
-
+    """Return the level that bristles carry in steady sliding, (n,), over that at low speed and medium pressure."""
     middle = np.array([float(np.mean(reference.pressures_Pa))])
-    usual = float(level(np.zeros(1), middle)[0])
-    scale = usual if abs(usual) > 0.0 else 1.0
-    return np.asarray(level(np.abs(features.velocity_m_s), features.pressure_Pa) / scale)
-
-
-LOWEST = 0.1
-"""Share of the smooth sign's speed below which its ratio to the force is taken there."""
+    usual = float(level(np.zeros(1), middle, reference)[0])
+    return level(features.velocity_m_s, features.pressure_Pa, reference) / (usual if abs(usual) > 0.0 else 1.0)
 
 
 @effect

@@ -68,6 +68,10 @@ class SensorBias(Effect):
         return {"bias": (float(weights[0]), "N")}
 
 
+LEAST_CUT = 0.25
+"""Share that clipping must take off the force beyond its level; a soft limit takes 0.4 and more, a wrong curve less."""
+
+
 @effect
 class Saturation(Effect):
     """Clipped at +-level."""
@@ -107,8 +111,10 @@ class Saturation(Effect):
         return chosen(context.force_top_N * np.linspace(0.5, 0.98, 13), "level")
 
     @classmethod
-    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
-        """A level that the force never reaches clips nothing."""
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:
+        """A level that the force never reaches clips nothing, and what goes on rising beyond it is not clipped."""
+        if weights.size and weights[0] < LEAST_CUT:
+            return f"beyond {params['level']:.3g} N the force rises by {1.0 - weights[0]:.2g} of what it would"
         if params["level"] > context.force_top_N:
             return f"its level of {params['level']:.3g} N is above every force of the model"
         return None

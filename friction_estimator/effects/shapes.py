@@ -15,6 +15,10 @@ FREE = 2.0
 """Value of a regressor's key `shape` that asks for the free shape."""
 
 
+TWICE = 3.0
+"""And for the free shape with two dependences on the pressure."""
+
+
 def hats(velocity_m_s: Floats, reference: Reference) -> Floats:
     """Return the hat functions of the speed, (n, HATS)."""
     place = np.arcsinh(np.abs(velocity_m_s) / reference.bend_m_s) / reference.reach
@@ -34,3 +38,13 @@ def weights_at(place: Floats) -> Floats:
 def place_of(share: float) -> Floats:
     """Return the place of a share of the top speed, (1,)."""
     return np.array([np.arcsinh(share * BEND) / np.arcsinh(BEND)])
+
+
+LOWEST = 0.1
+"""Share of the smooth sign's speed below which its ratio to the force is taken there."""
+
+
+def level(velocity_m_s: Floats, pressure_Pa: Floats, reference: Reference) -> Floats:
+    """Return the level F / S of friction in steady sliding, (n,), N: what stands behind the smooth sign."""
+    moving = np.maximum(np.abs(velocity_m_s), LOWEST * reference.sign_velocity_m_s)
+    return np.asarray(reference.force(moving, pressure_Pa) / reference.smooth_sign(moving))

@@ -10,7 +10,7 @@ from friction_estimator.effects.base import Effect, Key, Params, Words, chosen, 
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.reference import Reference
-from friction_estimator.effects.shapes import FREE, HATS, hats, place_of, weights_at
+from friction_estimator.effects.shapes import FREE, HATS, TWICE, hats, level, place_of, weights_at
 from friction_estimator.effects.trace import Trace
 
 SIGN_SHARE = 60.0
@@ -56,30 +56,38 @@ class DirectionAsymmetry(Effect):
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
-        """Return |F| / 2, or that with |F| sqrt(|v|) / 2, or |F| / 2 times hat functions of the speed."""
+        """Return |F| / 2, or that with |F| sqrt(|v|) / 2, or its level times hat functions.
+
+        In the free shape the level |F / S| is taken times hat functions of the speed that vanish at standstill; in the
+        one free twice an even part that does not change with the pressure stands beside it.
+        """
         shape = params["shape"]
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
             force = 0.5 * np.abs(f.force_N)
             if shape >= FREE:
-                return force[:, None] * hats(f.velocity_m_s, r)
+                stands = 0.5 * np.abs(level(f.velocity_m_s, f.pressure_Pa, r))[:, None]
+                free = hats(f.velocity_m_s, r)[:, 1:]
+                return stands * free if shape < TWICE else np.column_stack([stands * free, 0.5 * r.top_N * free])
             if shape < 0.5:
                 return force
             return np.column_stack([force, force * np.sqrt(np.abs(f.velocity_m_s) / r.top_m_s)])
 
-        return Columns(compute, HATS if shape >= FREE else 1 if shape < 0.5 else 2)
+        if shape >= FREE:
+            return Columns(compute, (HATS - 1) * (2 if shape >= TWICE else 1))
+        return Columns(compute, 1 if shape < 0.5 else 2)
 
     @classmethod
     def variants(cls, params: Params) -> list[dict[str, float]]:
         """Directions that differ by another share at each speed."""
-        return [dict(params) | {"shape": FREE}]
+        return [dict(params) | {"shape": FREE}, dict(params) | {"shape": TWICE}]
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
         """Relative difference of the friction at the rms speed of a sine."""
         shape = np.array([1.0, 2.0**-0.25])[: len(weights)]
-        if len(weights) == HATS:
-            shape = weights_at(place_of(2.0**-0.5))[0]
+        if len(weights) >= HATS - 1:
+            shape = np.tile(weights_at(place_of(2.0**-0.5))[0, 1:], len(weights) // (HATS - 1))
         return {"asymmetry": (float(shape @ weights), "")}
 
     signs = (0, 0)

@@ -17,6 +17,10 @@ EDGE = 0.005
 """Of the recording: a step so near to an end changes too few samples to be one."""
 
 
+ENDS = 0.02
+"""Share of the record that must lie before and after a step."""
+
+
 @effect
 class BiasStep(Effect):
     """b 1(t > t0)."""
@@ -69,6 +73,11 @@ class BiasStep(Effect):
     def peaks(cls, residual_N: Floats, features: Features, context: Context) -> list[dict[str, float]]:  # noqa: ARG003
         """Change points evenly over the samples, which a pause holds none of, and closer to both ends."""
         return chosen(_recorded_change_points(features), "at")
+
+    @classmethod
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+        """Not at the very start or end, where a step is a bias or another curve of the first strokes."""
+        return _at_an_end(params["at"], context)
 
     refined = ("at",)
     steps = ("at",)
@@ -132,6 +141,11 @@ class GainStep(Effect):
         """Change points evenly over the samples, which a pause holds none of, and closer to both ends."""
         return chosen(_recorded_change_points(features), "at")
 
+    @classmethod
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+        """Not at the very start or end, where a step is a bias or another curve of the first strokes."""
+        return _at_an_end(params["at"], context)
+
     refined = ("at",)
     steps = ("at",)
 
@@ -158,3 +172,10 @@ def _after(trace: Trace, at: float, form: float) -> Floats:
     if form >= 0.5:
         return np.clip((trace.time_s - at) / 0.5 + 0.5, 0.0, 1.0)
     return (trace.time_s >= at).astype(np.float64)
+
+
+def _at_an_end(at: float, context: Context) -> str | None:
+    """Return in words why a step at this time is none that the record shows, or None."""
+    if ENDS * context.duration_s <= at <= (1.0 - ENDS) * context.duration_s:
+        return None
+    return f"a step {at:.3g} s into a record of {context.duration_s:.3g} s has no length before or after it"
