@@ -1,0 +1,129 @@
+"""The verdict: which of four, in which order, and that every number in it was computed."""
+
+import ast
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from diagnosis_records import names, record
+
+from friction_estimator.core.settings.config import Config
+from friction_estimator.diagnosis.diagnose import Diagnosis, diagnose
+from friction_estimator.diagnosis.extend import is_offered
+from friction_estimator.diagnosis.summary import as_json, sentences
+from friction_estimator.effects import EFFECTS
+
+PACKAGE = Path(__file__).parents[1] / "friction_estimator"
+WITHOUT_FILM = {name: cls for name, cls in EFFECTS.items() if name != "squeeze_film"}
+ONLY_MASS = {"inertia": EFFECTS["inertia"]}
+FILM = "squeeze_film:size=0.04,speed=0.01"
+
+
+@pytest.fixture(scope="module")
+def unexplained() -> Diagnosis:
+    """Nothing but a mass is known, and a squeeze film is there."""
+    return diagnose([record([FILM])], Config(), catalogue=ONLY_MASS)
+
+
+def test_a_cause_outside_the_catalogue_is_unexplained(unexplained: Diagnosis) -> None:
+    assert unexplained.verdict == "unexplained"
+    assert names(unexplained) == []
+    assert unexplained.remainder is not None
+    assert unexplained.unexplained_percent > 10.0
+    assert unexplained.total_gain is None
+    assert unexplained.detection_limit_N == {}  # no promise of what would have been seen beside it
+    assert any("explained by no named cause" in text for text in unexplained.excitation.warnings)
+    assert "no name holds" in sentences(unexplained)[0]
+
+
+def test_what_is_left_is_measured_in_one_way(unexplained: Diagnosis) -> None:
+    """Of the held-out error what is above the noise floor, in the summary as in the words."""
+    over = unexplained.nrmse_holdout - unexplained.noise_floor
+    assert unexplained.unexplained_percent == pytest.approx(100.0 * over / unexplained.nrmse_holdout, rel=1e-6)
+    summary = as_json(unexplained, ["a"], {}, None)
+    assert summary["unexplained_percent"] == unexplained.unexplained_percent
+
+
+def test_unexplained_offers_no_model(unexplained: Diagnosis) -> None:
+    assert not is_offered(unexplained)
+
+
+def test_another_cause_beside_what_is_unexplained_is_named_first() -> None:
+    result = diagnose([record([FILM, "inertia:size=0.04"])], Config(), catalogue=ONLY_MASS)
+    assert result.verdict == "effects_found"
+    assert names(result) == ["inertia"]
+    assert result.remainder is not None
+    assert result.unexplained_percent > 10.0
+
+
+def test_a_name_is_never_given_to_what_is_not_in_the_catalogue() -> None:
+    result = diagnose([record([FILM])], Config(), catalogue=WITHOUT_FILM)
+    assert result.verdict in ("unexplained", "effects_found")
+    assert result.unexplained_percent > 5.0
+    assert result.remainder is not None
+
+
+def test_too_little_data_are_undecidable_whatever_they_show() -> None:
+    samples = record(["dropout:size=0.04,length=7"])[:420]
+    result = diagnose([samples], Config())
+    assert result.verdict == "undecidable"
+    assert names(result) == []
+    assert not is_offered(result)
+
+
+def test_a_fault_of_the_data_alone_is_a_finding_without_gain() -> None:
+    result = diagnose([record(["dropout:size=0.04,length=7"])], Config())
+    assert result.verdict == "effects_found"
+    assert names(result) == ["dropout"]
+    assert result.effects == ()
+    assert result.total_gain is None
+    assert not is_offered(result)
+
+
+def test_a_fault_that_was_repaired_completely_is_a_note() -> None:
+    samples = record()
+    assert samples.position_m is not None
+    low = samples.position_m.min() - 0.01
+    wrapped = replace(samples, position_m=low + np.mod(samples.position_m - low, 0.02))
+    result = diagnose([wrapped], Config())
+    assert result.verdict == "nothing_found"
+    assert any("wrap" in note for note in result.excitation.notes)
+
+
+NUMBERS = ("p_value", "gain", "total_gain")
+
+
+def named_values(node: ast.AST) -> list[tuple[object, ast.AST | None]]:
+    """Return what a node gives names to: keywords, assignments, keys."""
+    if isinstance(node, ast.keyword):
+        return [(node.arg, node.value)]
+    if isinstance(node, ast.AnnAssign):
+        return [(getattr(node.target, "id", None), node.value)]
+    if isinstance(node, ast.Assign):
+        return [(getattr(target, "id", None), node.value) for target in node.targets]
+    if isinstance(node, ast.Dict):
+        return [(getattr(k, "value", None), v) for k, v in zip(node.keys, node.values, strict=True)]
+    return []
+
+
+def constants(tree: ast.AST) -> list[int]:
+    """Return the lines at which a number in the text stands for a p-value or a gain."""
+    pairs = [pair for node in ast.walk(tree) for pair in named_values(node)]
+    found = [value for name, value in pairs if name in NUMBERS and isinstance(value, ast.Constant)]
+    return sorted(value.lineno for value in found if isinstance(value.value, int | float))
+
+
+def test_no_p_value_and_no_gain_is_a_literal() -> None:
+    places = [
+        f"{path.relative_to(PACKAGE)}:{line}"
+        for folder in ("diagnosis", "effects", "report", "cli")
+        for path in sorted((PACKAGE / folder).glob("*.py"))
+        for line in constants(ast.parse(path.read_text()))
+    ]
+    assert places == []
+
+
+def test_the_literal_is_recognised() -> None:
+    assert constants(ast.parse("a = Fault(p_value=1e-12)\np_value: float = 0.0\nx = {'gain': 3.0}")) == [1, 2, 3]
+    assert constants(ast.parse("a = Fault(p_value=None)\np_value = min(1.0, p)")) == []
