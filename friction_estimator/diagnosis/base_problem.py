@@ -147,6 +147,7 @@ class BaseProblem:
         capacity: Capacity,
         whole: Whole | None = None,
         tables: StaticTables | None = None,
+        chosen: Bools | None = None,
     ) -> None:
         f = record.features
         self.record, self.config, self.capacity = record, config, capacity
@@ -158,7 +159,9 @@ class BaseProblem:
             effect, params = whole
             static = effect.whole(params, tables or self.tables, f)
         used = record.used
-        self.products = LaggedProducts(static, capacity.order, record.friction_N, used, record.restart, record.block)
+        self.products = LaggedProducts(
+            static, capacity.order, record.friction_N, used, record.restart, record.block, chosen
+        )
         self.scale = float(np.sqrt(np.mean(np.square(record.friction_N[used])))) or 1.0
         lead = 1 if self.theory is not None else 0
         self.own = capacity.order * lead
@@ -198,9 +201,11 @@ class BaseProblem:
             delay += share * float(lags @ found.own)
         return delay / max(1.0 + float(found.taps.sum()), 1e-3)
 
-    def with_whole(self, effect: type[Effect], params: Mapping[str, float]) -> "BaseProblem":
-        """Return the problem with one time of the whole force in its static columns."""
-        return BaseProblem(self.record, self.config, self.capacity, (effect, params), self.tables)
+    def with_whole(
+        self, effect: type[Effect], params: Mapping[str, float], chosen: Bools | None = None
+    ) -> "BaseProblem":
+        """Return the problem with one time of the whole force in its static columns, on some blocks or all."""
+        return BaseProblem(self.record, self.config, self.capacity, (effect, params), self.tables, chosen)
 
     # Coefficients of the lagged columns
 

@@ -10,6 +10,10 @@ from friction_estimator.diagnosis.joint import Joint, Term
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.effects.features import Context
 
+MEMORY_SHARE = 0.1
+"""Samples by which a time of the whole force is uncertain beside its sampling error: the rig's own short memory, of
+which the prior knows that much, delays the force as well."""
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -76,6 +80,8 @@ def estimates(joint: Joint, record: Record, context: Context, seed: int) -> list
                 slope[i] = (values(moved)[name][0] - value) / step
             reach = quantile * float(np.sqrt(max(float(slope @ part @ slope), 0.0)))
             reach = float(np.hypot(reach, term.effect.systematic.get(name, 0.0) * abs(value)))
+            if term.effect.delays:
+                reach = float(np.hypot(reach, MEMORY_SHARE * context.step_s))
             found[name] = Estimate(float(value), unit, float(value - reach), float(value + reach))
         out.append(found)
     return out

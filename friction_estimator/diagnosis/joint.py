@@ -33,7 +33,7 @@ DERIVATIVE_STEP = 1e-3
 JUMP_STEP = 4e-3
 """The same for a parameter in which the columns jump: at least a sample must move."""
 
-SCAN_EVALUATIONS = 10
+SCAN_EVALUATIONS = 8
 SCANNED = (0.1, 0.3, 0.6, 1.0, 2.0, 4.0)
 """Times of the whole force that are tried first, in samples."""
 
@@ -108,6 +108,8 @@ class JointFit:
         self._record = problem.record
         self._used = self._record.used if rows is None else self._record.used & rows[self._record.block]
         self._known: tuple[str, dict[str, float], BaseProblem] | None = None
+        self._scans: JointFit | None = None
+        self._chosen: Bools | None = None
 
     def __call__(
         self, terms: Sequence[Term] = (), start: Coefficients | None = None, rounds: int = ROUNDS, search: bool = True
@@ -145,7 +147,8 @@ class JointFit:
         if term is None:
             return self._problem
         if self._known is None or self._known[:2] != (term.name, term.params):
-            self._known = term.name, term.params, self._problem.with_whole(term.effect, term.params)
+            problem = self._problem.with_whole(term.effect, term.params, self._chosen)
+            self._known = term.name, term.params, problem
         return self._known[2]
 
     def _reference(self, base: Coefficients, terms: Sequence[Term]) -> tuple[Reference, Features]:
@@ -178,6 +181,16 @@ class JointFit:
         still = Extra(whole.mx[:, :, c:], whole.xx[:, c:, c:], whole.xy[:, c:])
         return problem.fit(joined, still, self._rows, starts)
 
+    def _scanner(self) -> "JointFit":
+        """Return a fit of every other block: enough to look for a time, which the steps that follow settle."""
+        if self._scans is None:
+            blocks = self._problem.products.edges.size - 1
+            rows = np.ones(blocks, np.bool_) if self._rows is None else self._rows.copy()
+            rows[1 - int(rows[0]) :: 2] = False
+            self._scans = JointFit(self._problem, self._context, rows)
+            self._scans._chosen = rows
+        return self._scans
+
     def _scanned(
         self, terms: Sequence[Term], base: Coefficients, reference: Reference, features: Features
     ) -> dict[str, float]:
@@ -187,9 +200,11 @@ class JointFit:
         others = self._columns(terms[:-1], reference, features)
         none = np.zeros((features.size, 0))
 
+        scan = self._scanner()
+
         def fitted(value: float) -> Coefficients:
             trial = [*terms[:-1], replace(terms[-1], params=params | {name: value})]
-            return self._fitted(trial, [*others, none], base)
+            return scan._fitted(trial, [*others, none], base)
 
         step = self._context.step_s
         tried = {share * step: fitted(share * step) for share in SCANNED}

@@ -49,14 +49,24 @@ class LaggedProducts:
     Parameters
     ----------
     static : (n, m), columns S_j(v[k]). order : largest lag p. friction_N : (n,). used, restart : (n,) bool.
-    block : (n,) int, increasing.
+    block : (n,) int, increasing. chosen : (blocks,) bool, blocks whose products are formed, the others' are zero
+        (default all).
 
     Attributes
     ----------
     gram : (blocks, L, L), L = (p + 1) m, lag by lag. cross : (blocks, L). power : (blocks,). count : (blocks,).
     """
 
-    def __init__(self, static: Floats, order: int, friction_N: Floats, used: Bools, restart: Bools, block: Ints):
+    def __init__(
+        self,
+        static: Floats,
+        order: int,
+        friction_N: Floats,
+        used: Bools,
+        restart: Bools,
+        block: Ints,
+        chosen: Bools | None = None,
+    ) -> None:
         self.static, self.order = static, order
         self.width = static.shape[1]
         self.size = self.width * (order + 1)
@@ -65,9 +75,10 @@ class LaggedProducts:
         self._used = used
         self._force = friction_N * used
         blocks = self.edges.size - 1
-        self.gram = np.empty((blocks, self.size, self.size))
-        self.cross = np.empty((blocks, self.size))
-        for b in range(blocks):
+        self._chosen = np.arange(blocks) if chosen is None else np.flatnonzero(chosen)
+        self.gram = np.zeros((blocks, self.size, self.size))
+        self.cross = np.zeros((blocks, self.size))
+        for b in self._chosen:
             rows = slice(self.edges[b], self.edges[b + 1])
             m = self.rows(rows) * used[rows, None]
             self.gram[b] = inner(m, m)
@@ -84,9 +95,9 @@ class LaggedProducts:
     def extra(self, columns: Floats) -> Extra:
         """Return the products of columns (n, c)."""
         blocks, width = self.edges.size - 1, columns.shape[1]
-        mx, xx = np.empty((blocks, self.size, width)), np.empty((blocks, width, width))
-        xy = np.empty((blocks, width))
-        for b in range(blocks):
+        mx, xx = np.zeros((blocks, self.size, width)), np.zeros((blocks, width, width))
+        xy = np.zeros((blocks, width))
+        for b in self._chosen:
             rows = slice(self.edges[b], self.edges[b + 1])
             x = columns[rows] * self._used[rows, None]
             mx[b] = inner(self.rows(rows), x)

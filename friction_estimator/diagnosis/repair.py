@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from friction_estimator.core.errors import UnanswerableError
-from friction_estimator.core.sample import Floats
+from friction_estimator.core.sample import Bools, Floats
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base import BaseFit, fit_base, reference_of
 from friction_estimator.diagnosis.floor import pairs
@@ -23,6 +23,13 @@ LEAST_LEFT = 0.3
 
 SLOPE_STEP = 1e-3
 """Share of the top speed, or of the pressures' range, over which a slope is taken."""
+
+KINK, LOUD = 8.0, 4.0
+"""Times the usual second difference of the velocity, and times the noise of the force, from which a kink is left out."""
+AROUND = 5
+"""Samples to each side of a kink that are left out: a time of the force may shift it there."""
+MOST_KINKS = 0.002
+"""Share of kinks beyond which they are no exceptions: a drive that changes its speed in steps, or a noisy channel."""
 
 Catalogue = Mapping[str, type[Effect]]
 
@@ -57,6 +64,8 @@ def repaired(
     if record.used.sum() < LEAST_LEFT * (~record.standstill).sum():
         raise UnanswerableError("less than a third of the samples remain after masking faults: repair the sensor first")
     fit = fit or fit_base(record, config)
+    steep = _slopes(fit, record, context)[0]
+    record = record.with_force(record.friction_N, record.used & ~kinked(record, steep, fit.residual_N))
     return record, record.context(config, float(np.abs(fit.fitted_N).max())), found
 
 
@@ -131,6 +140,25 @@ def with_repair(record: Record, config: Config, fault: Fault) -> Record:
     if fault.used is not None:
         record = record.with_force(record.friction_N, record.used & fault.used)
     return record
+
+
+def kinked(record: Record, force_slope: Floats, residual_N: Floats) -> Bools:
+    """Return the samples about a kink of the velocity where the curve is steep, (n,) bool.
+
+    Where a drive changes its acceleration between two samples just as it passes through zero, the velocity between them
+    is unknown by up to a quarter of its second difference, and the force by that times dF/dv: such samples say nothing
+    of a time of the force, and are as wrong as they are loud.
+    """
+    v, whole = record.features.velocity_m_s, ~record.restart
+    bend = np.zeros(v.size)
+    bend[1:-1] = np.abs(v[2:] - 2.0 * v[1:-1] + v[:-2]) * (whole[2:] & whole[1:-1])
+    usual = float(np.median(bend[bend > 0.0])) if np.any(bend > 0.0) else 0.0
+    noise = 1.4826 * float(np.median(np.abs(residual_N[record.used])))
+    near = np.maximum.reduce([np.abs(force_slope), np.abs(np.roll(force_slope, 1)), np.abs(np.roll(force_slope, -1))])
+    hit = (bend > KINK * usual) & (0.25 * bend * near > LOUD * noise)
+    if float(hit.mean()) > MOST_KINKS:
+        return np.zeros(v.size, np.bool_)
+    return np.asarray(np.convolve(hit, np.ones(2 * AROUND + 1), "same") > 0.5)
 
 
 def _slopes(fit: BaseFit, record: Record, context: Context) -> tuple[Floats, Floats]:

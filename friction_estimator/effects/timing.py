@@ -254,8 +254,8 @@ class VelocityDelay(Effect):
 
     @classmethod
     def whole(cls, params: Params, tables: StaticTables, features: Features) -> Floats:
-        """Return the columns at t + D."""
-        return tables.delayed(features, -params["delay"])
+        """Return the columns at the velocity of t + D: the other channels are not late."""
+        return tables.advanced(features, params["delay"])
 
     signs = (1,)
     fixed_gain = True

@@ -45,7 +45,7 @@ class StaticTables:
         return cls(values, np.asarray(pressures_Pa, np.float64), bend, reach)
 
     def delayed(self, features: Features, delay_s: float) -> Floats:
-        """Return the columns at velocity and pressure of `delay_s` earlier (later where negative), (n, m).
+        """Return the columns at velocity and pressure of `delay_s` earlier, (n, m).
 
         Within each gap-free piece; before its first sample and after its last that sample's values hold.
         """
@@ -55,6 +55,15 @@ class StaticTables:
         out = np.empty((features.size, self.values.shape[2]))
         args = (self.values, self.pressures_Pa, self.bend_m_s, self.reach)
         _columns(velocity, pressure, *args, out)
+        return out
+
+    def advanced(self, features: Features, delay_s: float) -> Floats:
+        """Return the columns at the velocity of `delay_s` later, and the pressure of now, (n, m)."""
+        velocity = np.empty(features.size)
+        _shifted(features.step_s, features.velocity_m_s, -delay_s, velocity)
+        out = np.empty((features.size, self.values.shape[2]))
+        args = (self.values, self.pressures_Pa, self.bend_m_s, self.reach)
+        _columns(velocity, features.pressure_Pa, *args, out)
         return out
 
     def lagged(self, features: Features, time_constant_s: float) -> Floats:
