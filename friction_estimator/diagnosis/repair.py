@@ -25,7 +25,7 @@ SLOPE_STEP = 1e-3
 """Share of the top speed, or of the pressures' range, over which a slope is taken."""
 
 KINK, LOUD = 8.0, 4.0
-"""Times the usual second difference of the velocity, and times the noise of the force, from which a kink is left out."""
+"""Times the usual second difference of the velocity, and times the noise of the force, from which it is left out."""
 AROUND = 5
 """Samples to each side of a kink that are left out: a time of the force may shift it there."""
 MOST_KINKS = 0.002
