@@ -263,19 +263,13 @@ class Searcher:
             more = joint.terms[-1].weights.size - best.joint.terms[-1].weights.size
             if np.isfinite(other.gain) and other.gain - best.gain > PLAIN * max(more, 1) * noise_N2:
                 best = other
-        rivals = []
-        for name in sorted(fits, key=lambda n: -fits[n].gain):
-            if name == winner:
-                continue
-            behind = fits[name].loss - best.loss
-            error = float(np.std(behind, ddof=1)) * np.sqrt(behind.size)
-            apart = best.gain - fits[name].gain
-            leans = fits[name].joint.base.coefficients.memory_energy - best.joint.base.coefficients.memory_energy
-            if leans > MEMORY_EVIDENCE:  # the base's memory would have to do what the winner does alone
-                continue
-            if apart < SET_ERRORS * error or apart < SET_SHARE * best.gain:
-                rivals.append(name)
-        return replace(best, rivals=tuple(rivals))
+        equals = _equals(best, fits)
+        measured = next((n for n in equals if fits[n].effect.recorded), None)
+        if measured is not None and not best.effect.recorded:
+            # Of equals the one whose cause was recorded is named: it needs no cause that nobody saw.
+            best = fits[measured]
+            equals = _equals(best, fits)
+        return replace(best, rivals=tuple(equals))
 
     def _judged(self, name: str, joint: Joint, loss: Floats, before: Coefficients) -> "_Compared":
         after = cross_validated_loss(joint, self.record, self.seed)
@@ -335,6 +329,23 @@ class _Compared:
         """Parameters of the effect."""
         term = self.joint.terms[-1]
         return (0 if term.effect.fixed_gain else term.weights.size) + len(term.effect.refined)
+
+
+def _equals(best: _Compared, fits: Mapping[str, _Compared]) -> list[str]:
+    """Return the effects that explain the record as well as one of them does, best first."""
+    out = []
+    for name in sorted(fits, key=lambda n: -fits[n].gain):
+        if name == best.name:
+            continue
+        behind = fits[name].loss - best.loss
+        error = float(np.std(behind, ddof=1)) * np.sqrt(behind.size)
+        apart = best.gain - fits[name].gain
+        leans = fits[name].joint.base.coefficients.memory_energy - best.joint.base.coefficients.memory_energy
+        if leans > MEMORY_EVIDENCE:  # the base's memory would have to do what the winner does alone
+            continue
+        if apart < SET_ERRORS * error or apart < SET_SHARE * best.gain:
+            out.append(name)
+    return out
 
 
 def signs_kept(joint: Joint) -> bool:
