@@ -65,7 +65,7 @@ def differences(view: DataView) -> tuple[Floats, Floats, Ints] | None:
         return None
     residual, since, step = view.residual_N, view.features.since_reversal_s, view.context.step_s
     first, second = view.pairs
-    inside = (second > 0) & (second < residual.size - 1)
+    inside = (second > 0) & (second < residual.size - 1) & np.isfinite(since[first]) & np.isfinite(since[second])
     first, second = first[inside], second[inside]
     shift = (since[first] - since[second]) / step
     early = LEFT_OUT * step
