@@ -65,15 +65,6 @@ def test_signs_and_gain_limits_are_kept(noise: np.ndarray) -> None:
     assert up.fit(up.moments(noise[:, 5:6]), Rule((1,), near_one=True)).weights == pytest.approx([2.5])
 
 
-def test_many_hypotheses_at_once_are_the_same_as_one_by_one(noise: np.ndarray) -> None:
-    machine = evidence(noise[:, 11], noise[:, :3])
-    groups = [noise[:, 3:4], noise[:, 4:7], noise[:, 7:9]]
-    for many, columns in zip(machine.moments_of_many(groups), groups, strict=True):
-        one = machine.moments(columns)
-        for name in ("zx", "xx", "xe"):
-            np.testing.assert_allclose(getattr(many, name), getattr(one, name), atol=1e-9)
-
-
 def test_the_bootstrap_covers_the_chance_maximum(noise: np.ndarray) -> None:
     rng = np.random.default_rng(4)
     columns = rng.standard_normal((N, 60))

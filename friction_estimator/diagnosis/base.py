@@ -16,6 +16,7 @@ from friction_estimator.diagnosis.base_problem import (
     pressure_nodes,
 )
 from friction_estimator.diagnosis.record import Record
+from friction_estimator.diagnosis.tangent import Tangent
 from friction_estimator.effects.extension import theory_parts
 from friction_estimator.effects.reference import Reference
 
@@ -27,33 +28,37 @@ class BaseFit:
     Attributes
     ----------
     problem : what was fitted. coefficients : the fit.
-    static_N, fitted_N : (n,), static force of gain one, and the model's force.
-    tangent : (n, q), columns of the model's derivative, each of unit rms.
+    fitted_N : (n,), the model's force.
+    tangent : (n, q), columns of the model's derivative, each of unit rms over the samples in use.
     penalty : (q,), ridge on the tangent's coefficients, in units of samples.
     """
 
     problem: BaseProblem
     coefficients: Coefficients
-    static_N: Floats
     fitted_N: Floats
-    tangent: Floats
+    tangent: Tangent
     penalty: Floats
 
     @classmethod
     def of(cls, problem: BaseProblem, found: Coefficients) -> "BaseFit":
         """Evaluate fitted coefficients on the whole record."""
         products = problem.products
-        tangent = products.combine(problem.jacobian(found.weights, found.taps, found.own, level=True))
-        norm = np.maximum(np.sqrt(np.mean(np.square(tangent), axis=0)), 1e-12 * problem.scale)
+        jacobian = problem.jacobian(found.weights, found.taps, found.own, level=True)
+        power = np.einsum("iq,iq->q", jacobian, products.whole_gram @ jacobian) / max(float(products.count.sum()), 1.0)
+        norm = np.maximum(np.sqrt(np.maximum(power, 0.0)), 1e-12 * problem.scale)
         known = np.diag(problem.information)
         return cls(
             problem=problem,
             coefficients=found,
-            static_N=products.static @ found.weights,
             fitted_N=products.combine(problem.spread(found.weights, found.taps, found.own)),
-            tangent=tangent / norm,
+            tangent=Tangent(products, jacobian / norm),
             penalty=found.power / found.count * known / np.square(norm),
         )
+
+    @property
+    def static_N(self) -> Floats:
+        """Static force of gain one, (n,), N."""
+        return self.problem.products.static @ self.coefficients.weights
 
     @property
     def residual_N(self) -> Floats:

@@ -26,6 +26,7 @@ from friction_estimator.core.sample import Bools, Floats
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.lagged import Extra, LaggedProducts, total
 from friction_estimator.diagnosis.record import Record
+from friction_estimator.diagnosis.tangent import pieces
 from friction_estimator.effects.base import Effect
 from friction_estimator.effects.whole import StaticTables
 
@@ -78,9 +79,11 @@ class OddCurve:
     def __call__(self, velocity_m_s: Floats) -> Floats:
         """Return (n, count)."""
         place = np.arcsinh(np.clip(velocity_m_s, -self.top, self.top) / self.bend) / np.arcsinh(BEND)
-        full = BSpline.design_matrix(np.clip(place, -1.0, 1.0), self._knots, 3).toarray()
-        mirrored = full[:, ::-1]
-        return np.asarray((full - mirrored)[:, full.shape[1] - self.count :])
+        out = np.empty((place.size, self.count))
+        for part in pieces(place.size):
+            full = BSpline.design_matrix(np.clip(place[part], -1.0, 1.0), self._knots, 3).toarray()
+            out[part] = (full - full[:, ::-1])[:, full.shape[1] - self.count :]
+        return out
 
 
 @dataclass(frozen=True)

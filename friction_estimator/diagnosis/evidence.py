@@ -5,15 +5,16 @@ residual and X the columns of a hypothesis, the joint refit of base and hypothes
 Z'X, X'X and X'e of those blocks only.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from friction_estimator.core.sample import Bools, Floats, Ints
-from friction_estimator.diagnosis.products import inner
+from friction_estimator.diagnosis.lagged import block_edges
+from friction_estimator.diagnosis.moments import Moments, Piece, Stack
+from friction_estimator.diagnosis.tangent import Rows, piece_edges
 
 FOLDS = 8
 RELATIVE_RIDGE = 1e-7
@@ -21,20 +22,6 @@ RELATIVE_RIDGE = 1e-7
 
 GAIN_LOW, GAIN_HIGH = 0.4, 2.5
 """A hypothesis that is the whole change (a delay) must come out near coefficient one; its grid is coarse."""
-
-
-@dataclass(frozen=True)
-class Moments:
-    """Inner products of one hypothesis' columns, by block.
-
-    Attributes
-    ----------
-    zx : (blocks, q, c). xx : (blocks, c, c). xe : (blocks, c).
-    """
-
-    zx: Floats
-    xx: Floats
-    xe: Floats
 
 
 @dataclass(frozen=True)
@@ -65,62 +52,50 @@ class Evidence:
 
     Parameters
     ----------
-    tangent : (n, q). penalty : (q,), ridge. residual : (n,), N. used : (n,) bool. block : (n,) int, increasing.
-    seed : of folds and bootstrap.
+    tangent : (n, q), an array or what makes it piece by piece. penalty : (q,), ridge. residual : (n,), N.
+    used : (n,) bool. block : (n,) int, increasing. seed : of folds and bootstrap.
     """
 
-    def __init__(self, tangent: Floats, penalty: Floats, residual: Floats, used: Bools, block: Ints, seed: int) -> None:
-        self._edges = np.concatenate([np.flatnonzero(np.diff(block, prepend=-1)), [block.size]])
+    def __init__(self, tangent: Rows, penalty: Floats, residual: Floats, used: Bools, block: Ints, seed: int) -> None:
+        self._edges = block_edges(block)
         self.blocks = self._edges.size - 1
         self._used = used
-        self._z = tangent * used[:, None]
+        self._tangent = tangent
         self.residual = residual * used
         self.penalty = penalty
-        self.zz = self._by_block(self._z, self._z)
-        self.ze = self._by_block(self._z, self.residual[:, None])[:, :, 0]
-        self.ee = np.array([float(np.dot(p, p)) for p in self._parts(self.residual)])
+        self.width = tangent.shape[1]
+        self.zz = np.empty((self.blocks, self.width, self.width))
+        self.ze = np.empty((self.blocks, self.width))
+        for piece in self.pieces():
+            self.zz[piece.blocks] = piece.by_block(piece.z, piece.z)
+            self.ze[piece.blocks] = piece.by_block(piece.z, piece.e[:, None])[:, :, 0]
+        self.ee = np.add.reduceat(np.square(self.residual), self._edges[:-1])
         self.samples = int(used.sum())
         self.folds = folds_of(self.blocks, seed)
         self._seed = seed
         self._solved: dict[bytes, tuple[Floats, Floats]] = {}
 
-    def _parts(self, values: NDArray[Any]) -> list[NDArray[Any]]:
-        return [values[a:b] for a, b in zip(self._edges[:-1], self._edges[1:], strict=True)]
+    def pieces(self) -> Iterator[Piece]:
+        """Yield the record in pieces of whole blocks."""
+        for first, last in piece_edges(self._edges):
+            part = slice(int(self._edges[first]), int(self._edges[last]))
+            used = self._used[part]
+            z = self._tangent[part]
+            edges = self._edges[first : last + 1] - self._edges[first]
+            z = z if used.all() else z * used[:, None]
+            yield Piece(slice(first, last), part, edges, z, self.residual[part], used)
 
-    def _by_block(self, left: NDArray[Any], right: Floats) -> Floats:
-        pairs = zip(self._parts(left), self._parts(right), strict=True)
-        return np.array([inner(a, b) for a, b in pairs])
-
-    def moments(self, columns: Floats) -> Moments:
-        """Return the inner products of columns (n, c)."""
-        x = columns * self._used[:, None]
-        zx = self._by_block(self._z, x)
-        xe = self._by_block(x, self.residual[:, None])[:, :, 0]
-        return Moments(zx, self._by_block(x, x), xe)
-
-    def moments_of_many(self, groups: Sequence[Floats]) -> list[Moments]:
-        """Return the inner products of several hypotheses' columns at once: fewer and larger products."""
-        x = np.concatenate(groups, axis=1) * self._used[:, None]
-        zx = self._by_block(self._z, x)
-        starts = self._edges[:-1]
-        xe = np.add.reduceat(x * self.residual[:, None], starts, axis=0)
-        out = []
-        place = 0
-        for group in groups:
-            width = group.shape[1]
-            mine = x[:, place : place + width]
-            xx = np.empty((self.blocks, width, width))
-            for i in range(width):
-                for k in range(i + 1):
-                    xx[:, i, k] = xx[:, k, i] = np.add.reduceat(mine[:, i] * mine[:, k], starts)
-            out.append(Moments(zx[:, :, place : place + width], xx, xe[:, place : place + width]))
-            place += width
-        return out
-
-    def moments_of(self, columns: NDArray[np.float32], known: Moments) -> Moments:
-        """Return the inner products with this residual, where those with the same tangent are `known`."""
-        xe = np.add.reduceat(columns * self.residual[:, None], self._edges[:-1], axis=0)
-        return Moments(known.zx, known.xx, xe)
+    def moments(self, columns: Rows) -> Moments:
+        """Return the inner products of columns (n, c), an array or what makes them piece by piece."""
+        width = columns.shape[1]
+        zx, xx = np.empty((self.blocks, self.width, width)), np.empty((self.blocks, width, width))
+        xe = np.empty((self.blocks, width))
+        for piece in self.pieces():
+            x = piece.masked(columns[piece.part])
+            zx[piece.blocks] = piece.by_block(piece.z, x)
+            xx[piece.blocks] = piece.by_block(x, x)
+            xe[piece.blocks] = piece.by_block(x, piece.e[:, None])[:, :, 0]
+        return Moments(zx, xx, xe)
 
     def fit(self, moments: Moments, rule: Rule, rows: Bools | None = None) -> Fit:
         """Fit base and hypothesis jointly on the chosen blocks (default all)."""
@@ -132,7 +107,17 @@ class Evidence:
         left = xx - zx.T @ through
         pull = moments.xe[rows].sum(0) - zx.T @ alone
         weights, gain = constrained(left, pull, np.diag(xx), rule)
-        return Fit(weights, alone - through @ weights, gain)
+        return Fit(weights, alone - through @ weights, float(gain))
+
+    def gains(self, stack: Stack, rule: Rule, rows: Bools | None = None) -> Floats:
+        """Return the decrease of the error power that each hypothesis of a stack brings, (hypotheses,), N^2."""
+        rows = np.ones(self.blocks, np.bool_) if rows is None else rows
+        inverse, alone = self._known(rows)
+        zx, xx, xe = (_summed(values, rows) for values in (stack.zx, stack.xx, stack.xe))
+        through = np.tensordot(inverse, zx, 1)
+        left = xx - np.einsum("qhc,qhd->hcd", zx, through)
+        pull = xe - np.tensordot(alone, zx, 1)
+        return np.asarray(constrained(left, pull, np.einsum("hcc->hc", xx), rule)[1])
 
     def cross_validated(self, moments: Moments, rule: Rule) -> Floats:
         """Return the decrease of the error power on each block by a fit that never saw it, (blocks,), N^2."""
@@ -185,6 +170,26 @@ class Evidence:
         through = np.linalg.solve(_stable(zz), zx)
         return moments.xx.sum(0) - zx.T @ through, moments.xe - self.ze @ through
 
+    def projections(self, stack: Stack) -> list[tuple[Floats, Floats]]:
+        """Return `projected` of each hypothesis of a stack."""
+        zz = self.zz.sum(0) + np.diag(self.penalty)
+        zx = stack.zx.sum(0)
+        through = np.linalg.solve(_stable(zz), zx.reshape(self.width, -1)).reshape(zx.shape)
+        left = stack.xx.sum(0) - np.einsum("qhc,qhd->hcd", zx, through)
+        pulls = stack.xe - np.tensordot(self.ze, through, 1)
+        return [(left[i], pulls[:, i]) for i in range(left.shape[0])]
+
+    def with_residual(self, residual: Floats) -> "Evidence":
+        """Return the evidence about another residual (n,) of the same model; products with it are formed anew."""
+        other = copy(self)
+        other.residual = residual * self._used
+        other._solved = {}
+        other.ze = np.empty_like(self.ze)
+        for piece in other.pieces():
+            other.ze[piece.blocks] = piece.by_block(piece.z, piece.e[:, None])[:, :, 0]
+        other.ee = np.add.reduceat(np.square(other.residual), self._edges[:-1])
+        return other
+
     def flips(self, count: int) -> Floats:
         """Return random signs (count, blocks)."""
         rng = np.random.default_rng([self._seed, 7])
@@ -209,24 +214,32 @@ def _stable(gram: Floats) -> Floats:
     return gram + np.diag(1e-10 * diagonal + 1e-9 * float(diagonal.max()) * (diagonal < 1e-9 * diagonal.max()))
 
 
-def constrained(inner: Floats, pull: Floats, energy: Floats, rule: Rule) -> tuple[Floats, float]:
-    """Return coefficients within the rule, and the decrease of error power they bring.
+def _summed(values: Floats, rows: Bools) -> Floats:
+    """Return the sum over the chosen blocks: one product with a vector, which copies nothing."""
+    flat = rows.astype(np.float64) @ values.reshape(values.shape[0], -1)
+    return np.asarray(flat.reshape(values.shape[1:]))
+
+
+def constrained(left: Floats, pull: Floats, energy: Floats, rule: Rule) -> tuple[Floats, Floats]:
+    """Return coefficients within the rule, and the decrease of error power they bring: (..., c), (...).
 
     Parameters
     ----------
-    inner : (c, c), projected X'X. pull : (c,), projected X'e. energy : (c,), diagonal of X'X before projection.
+    left : (..., c, c), projected X'X. pull : (..., c), projected X'e. energy : (..., c), diagonal of X'X before
+        projection.
     """
-    inner = inner + np.diag(RELATIVE_RIDGE * np.maximum(energy, 1e-300))
-    if pull.size == 1:
-        weight = float(pull[0] / inner[0, 0])
-        if rule.signs[0] and weight * rule.signs[0] < 0.0:
-            weight = 0.0
+    left = left + RELATIVE_RIDGE * np.maximum(energy, 1e-300)[..., None] * np.eye(pull.shape[-1])
+    weights: Floats
+    if pull.shape[-1] == 1:
+        weights = pull / left[..., 0]
+        if rule.signs[0]:
+            weights = np.where(weights * rule.signs[0] < 0.0, 0.0, weights)
         if rule.near_one:
-            weight = float(np.clip(weight, GAIN_LOW, GAIN_HIGH)) if weight > 0.0 else 0.0
-        weights = np.array([weight])
+            weights = np.where(weights > 0.0, np.clip(weights, GAIN_LOW, GAIN_HIGH), 0.0)
     else:
-        weights = np.linalg.solve(inner, pull)
-    return weights, float(2.0 * pull @ weights - weights @ inner @ weights)
+        weights = np.asarray(np.linalg.solve(left, pull[..., None])[..., 0], np.float64)
+    taken = (left @ weights[..., None])[..., 0]
+    return weights, np.asarray(((2.0 * pull - taken) * weights).sum(axis=-1))
 
 
 def null_maximum(

@@ -1,8 +1,10 @@
 """The noise floor, measured: what does not repeat from cycle to cycle, and how it is distributed."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from friction_estimator.core.sample import Floats, Ints
@@ -137,23 +139,45 @@ VARIABLES = (
 )
 BINS = 20
 
+FEWEST_IN_BIN, FEWEST_IN_BLOCK = 30, 5
+"""More samples than these make a bin of the record, and its mean within a block."""
 
-def binned(record: Record, values: Floats, signed: bool) -> Floats:
-    """Return indicators of quantile bins, (n, bins); `signed` gives each direction of motion its own."""
+
+@dataclass(frozen=True)
+class Bins:
+    """Indicators of the bins of a variable, (n, bins), made piece by piece.
+
+    Attributes
+    ----------
+    cell : (n,), number of the bin, -1 where it has too few samples. count : number of bins.
+    """
+
+    cell: NDArray[np.int16]
+    count: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(n, bins)."""
+        return self.cell.size, self.count
+
+    def __getitem__(self, part: slice, /) -> Floats:
+        return np.asarray(self.cell[part][:, None] == np.arange(self.count), np.float64)
+
+
+def binned(record: Record, values: Floats, signed: bool) -> Bins:
+    """Return indicators of quantile bins; `signed` gives each direction of motion its own."""
     finite = np.isfinite(values)
     known = values[finite]
     edges = np.unique(np.quantile(known, np.linspace(0.0, 1.0, BINS + 1)[1:-1]))
     cell = np.searchsorted(edges, np.where(finite, values, known.max()), side="right")
-    count = int(cell.max()) + 1
     if signed:
-        cell = cell + count * (record.features.velocity_m_s > 0.0)
-        count *= 2
-    out = np.zeros((values.size, count))
-    out[np.arange(values.size), cell] = 1.0
-    return out[:, out.sum(axis=0) > 30]
+        cell = cell + (int(cell.max()) + 1) * (record.features.velocity_m_s > 0.0)
+    shown = np.bincount(cell) > FEWEST_IN_BIN
+    number = np.where(shown, np.cumsum(shown) - 1, -1).astype(np.int16)
+    return Bins(number[cell], int(shown.sum()))
 
 
-def remainder_columns(record: Record, force_N: Floats) -> dict[str, Floats]:
+def remainder_columns(record: Record, force_N: Floats) -> dict[str, Bins]:
     """Return for each revealing variable the columns of an arbitrary dependence on it, in each direction of motion."""
     f = record.features
     out = {}
@@ -184,20 +208,19 @@ def variance_dependence(
         values = getattr(f, name) if name != "force_N" else None
         if values is None or np.ptp(values[np.isfinite(values)]) == 0.0:
             continue
-        bins = binned(record, np.abs(values), False) > 0.5
-        for inside in bins.T:
-            rows = inside & record.used
-            per = np.array(
-                [
-                    power[rows & (record.block == b)].mean()
-                    for b in range(evidence.blocks)
-                    if (rows & (record.block == b)).sum() > 5
-                ]
-            )
+        bins = binned(record, np.abs(values), False)
+        inside = record.used & (bins.cell >= 0)
+        place = record.block[inside] * bins.count + bins.cell[inside]
+        size = evidence.blocks * bins.count
+        number = np.bincount(place, minlength=size).reshape(-1, bins.count)
+        sums = np.bincount(place, weights=power[inside], minlength=size).reshape(-1, bins.count)
+        for k in range(bins.count):
+            some = number[:, k] > FEWEST_IN_BLOCK
+            per = sums[some, k] / number[some, k]
             if per.size < 6:
                 continue
             t_value = (per.mean() - total) / max(per.std(ddof=1) / np.sqrt(per.size), 1e-300)
-            share = float((per.mean() - total) * rows.mean() / total)
+            share = float((per.mean() - total) * number[:, k].sum() / record.used.size / total)
             if t_value > best_t and share > 0.01:
                 best_t, best = t_value, (name, share)
     return best

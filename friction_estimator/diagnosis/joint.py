@@ -14,6 +14,7 @@ from friction_estimator.diagnosis.lagged import Extra
 from friction_estimator.diagnosis.library import columns_of, with_running_force
 from friction_estimator.diagnosis.products import inner
 from friction_estimator.diagnosis.record import Record
+from friction_estimator.diagnosis.tangent import Tangent, chosen_rows, normal_equations
 from friction_estimator.effects.base import Effect
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.reference import Reference
@@ -83,7 +84,7 @@ class Joint:
     features: Features
     parts_N: tuple[Floats, ...]
     residual_N: Floats
-    tangent: Floats
+    tangent: Tangent
     penalty: Floats
     scales: Floats
 
@@ -250,9 +251,8 @@ class JointFit:
         fixed = [c[:, 0] for c, t in zip(others, terms, strict=False) if t in alone and t.effect.fixed_gain]
         free = [c for c, t in zip(others, terms, strict=False) if t in alone and not t.effect.fixed_gain]
         e = (self._record.friction_N - fit.fitted_N - (np.sum(fixed, axis=0) if fixed else 0.0))[used]
-        z = np.column_stack([fit.tangent, *free])[used]
-        norm = np.maximum(np.sqrt(np.mean(np.square(z), axis=0)), 1e-300)
-        z = z / norm
+        z = chosen_rows(fit.tangent, free, used)
+        z /= np.maximum(np.sqrt(np.einsum("nq,nq->q", z, z) / len(z)), 1e-300)
         penalty = np.concatenate([fit.penalty, np.zeros(z.shape[1] - fit.penalty.size)]) + 1e-9 * len(z)
         inverse = np.linalg.inv(inner(z, z) + np.diag(penalty))
         ze = inner(z, e)
@@ -304,13 +304,11 @@ class JointFit:
         used = self._used
         slopes = [self._slope(terms, i, name, columns[i], fit, features, reference) for i, name in places]
         parts = sum((c @ t.weights for c, t in zip(columns, terms, strict=True) if c.size), np.zeros(features.size))
-        e = (self._record.friction_N - fit.fitted_N - parts)[used]
+        e = self._record.friction_N - fit.fitted_N - parts
         free = [c for c, t in zip(columns, terms, strict=True) if not t.effect.fixed_gain]
-        z = np.column_stack([fit.tangent, *free, *slopes])[used]
-        norm = np.maximum(np.sqrt(np.mean(np.square(z), axis=0)), 1e-300)
-        z = z / norm
-        penalty = np.concatenate([fit.penalty, np.zeros(z.shape[1] - fit.penalty.size)]) + 1e-9 * len(z)
-        delta = np.linalg.solve(inner(z, z) + np.diag(penalty), inner(z, e)) / norm
+        norm, gram, right = normal_equations(fit.tangent, [*free, *(s[:, None] for s in slopes)], e, used)
+        penalty = np.concatenate([fit.penalty, np.zeros(norm.size - fit.penalty.size)]) + 1e-9 * used.sum()
+        delta = np.linalg.solve(gram + np.diag(penalty), right) / norm
         steps = delta[delta.size - len(places) :]
         for share in DAMPINGS:
             trial = list(terms)
@@ -358,7 +356,7 @@ class JointFit:
             else:
                 parts.append(column @ term.weights)
                 residual = residual - parts[-1]
-        tangents, scales = [fit.tangent], [np.ones(fit.tangent.shape[1])]
+        beside, scales = list[Floats](), [np.ones(fit.tangent.shape[1])]
         held: list[Floats] = []
         usual = 1e-12 * self._problem.scale
         for i, (term, column) in enumerate(zip(terms, columns, strict=True)):
@@ -374,11 +372,11 @@ class JointFit:
             norm = np.sqrt(np.mean(np.square(block), axis=0))
             shown = norm > usual
             # A parameter that changes nothing here (a step between two samples) is held where it is.
-            tangents.append(np.where(shown, block / np.where(shown, norm, 1.0), 0.0))
+            beside.append(np.where(shown, block / np.where(shown, norm, 1.0), 0.0))
             scales.append(np.where(shown, 1.0 / np.where(shown, norm, 1.0), 0.0))
             held.append(np.where(shown, 0.0, HELD))
         penalty = np.concatenate([fit.penalty, *held])
-        tangent = np.column_stack(tangents)
+        tangent = fit.tangent.beside_it(beside)
         return Joint(
             fit, tuple(terms), reference, features, tuple(parts), residual, tangent, penalty, np.concatenate(scales)
         )

@@ -54,7 +54,8 @@ class LaggedProducts:
 
     Attributes
     ----------
-    gram : (blocks, L, L), L = (p + 1) m, lag by lag. cross : (blocks, L). power : (blocks,). count : (blocks,).
+    gram : (blocks, L, L), L = (p + 1) m, lag by lag; whole_gram : its sum. cross : (blocks, L). power : (blocks,).
+    count : (blocks,).
     """
 
     def __init__(
@@ -83,6 +84,7 @@ class LaggedProducts:
             m = self.rows(rows) * used[rows, None]
             self.gram[b] = inner(m, m)
             self.cross[b] = m.T @ self._force[rows]
+        self.whole_gram = self.gram.sum(axis=0)
         self.power = np.add.reduceat(np.square(self._force), self.edges[:-1])
         self.count = np.add.reduceat(used.astype(np.float64), self.edges[:-1])
 
@@ -105,14 +107,19 @@ class LaggedProducts:
             xy[b] = x.T @ self._force[rows]
         return Extra(mx, xx, xy)
 
-    def combine(self, coefficients: Floats) -> Floats:
-        """Return the lagged columns times coefficients (L,) or (L, q): (n,) or (n, q)."""
-        shape = (self.static.shape[0], *coefficients.shape[1:])
-        out = np.zeros(shape)
-        parts = coefficients.reshape(self.order + 1, self.width, *coefficients.shape[1:])
-        for i, part in enumerate(parts):
-            if np.any(part):
-                out += lagged(self.static @ part, i, self.start)
+    def combine(self, coefficients: Floats, part: slice = slice(None)) -> Floats:
+        """Return the lagged columns times coefficients (L,) or (L, q), for some samples: (n_part,) or (n_part, q)."""
+        index = np.arange(self.static.shape[0])[part]
+        start = self.start[part]
+        out = np.zeros((index.size, *coefficients.shape[1:]))
+        for i, own in enumerate(coefficients.reshape(self.order + 1, self.width, *coefficients.shape[1:])):
+            some = np.any(own, axis=0)  # most columns have a part in few lags
+            if np.any(some):
+                moved = self.static[np.maximum(index - i, start)]
+                if own.ndim == 1:
+                    out += moved @ own
+                else:
+                    out[:, some] += moved @ own[:, some]
         return out
 
 

@@ -1,21 +1,24 @@
-"""The hypotheses of a diagnosis: every effect with a regressor, over its grid."""
+"""The hypotheses of a diagnosis: every effect with a regressor, over its grid.
 
-from collections.abc import Iterable, Mapping, Sequence
+Columns are causal machines: they are made piece by piece, added to products by block, and forgotten. What needs them
+again (another residual) makes them again.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from friction_estimator.core.sample import Floats
-from friction_estimator.diagnosis.evidence import Evidence, Moments, Rule
+from friction_estimator.diagnosis.evidence import Evidence, Rule
+from friction_estimator.diagnosis.moments import Moments, Piece, Stack
 from friction_estimator.effects.base import Effect
-from friction_estimator.effects.columns import RunningForce
+from friction_estimator.effects.columns import Columns, RunningForce
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.reference import Reference
 
-AT_ONCE = 12
-"""Hypotheses whose inner products are formed together."""
-
+AT_ONCE = 16
+"""Columns whose inner products are formed together."""
 
 UNKNOWN_WITHOUT = ("pressure",)
 """Channels that nothing can stand in for where they are not recorded; the position is integrated from the velocity."""
@@ -28,19 +31,82 @@ class Hypothesis:
     Attributes
     ----------
     effect : class of the effect. params : its point. moments : of its columns. rule : on its coefficients.
-    columns : (n, c), in single precision to save memory.
     """
 
     effect: type[Effect]
     params: dict[str, float]
     moments: Moments
     rule: Rule
-    columns: NDArray[np.float32]
 
     @property
     def name(self) -> str:
         """Id of the effect."""
         return self.effect.name
+
+
+@dataclass(frozen=True)
+class Family:
+    """The points of one effect that have equally many columns, and their products."""
+
+    effect: type[Effect]
+    points: tuple[dict[str, float], ...]
+    rule: Rule
+    stack: Stack
+
+    def __getitem__(self, i: int) -> Hypothesis:
+        return Hypothesis(self.effect, self.points[i], self.stack[i], self.rule)
+
+    @property
+    def name(self) -> str:
+        """Id of the effect."""
+        return self.effect.name
+
+
+@dataclass(frozen=True)
+class Library:
+    """All hypotheses about what a model leaves.
+
+    Attributes
+    ----------
+    families : with their products. features, reference : what their columns are made from.
+    """
+
+    families: tuple[Family, ...]
+    features: Features
+    reference: Reference
+
+    def __iter__(self) -> Iterator[Hypothesis]:
+        return (family[i] for family in self.families for i in range(len(family.points)))
+
+    def __len__(self) -> int:
+        return sum(len(family.points) for family in self.families)
+
+    def products_with(self, evidence: Evidence) -> list[Floats]:
+        """Return X'e of each family with the residual of another evidence, (blocks, hypotheses, c) each."""
+        out = [np.empty_like(f.stack.xe) for f in self.families]
+        machines = [Machines(f.effect, f.points) for f in self.families]
+        for piece in evidence.pieces():
+            features, e = self.features[piece.part], piece.e[:, None]
+            for xe, made in zip(out, machines, strict=True):
+                for here, x in made(features, self.reference):
+                    # The residual is zero where samples are masked.
+                    xe[piece.blocks, here] = piece.by_block(x, e).reshape(piece.edges.size - 1, -1, xe.shape[-1])
+        return out
+
+
+class Machines:
+    """The columns of one effect at several points, piece by piece: each goes on where the piece before it ended."""
+
+    def __init__(self, effect: type[Effect], points: Sequence[dict[str, float]]) -> None:
+        self._machines: list[Columns] = [effect.columns(params) for params in points]
+        self._step = max(1, AT_ONCE // self._machines[0].size)
+
+    def __call__(self, features: Features, reference: Reference) -> Iterator[tuple[slice, Floats]]:
+        """Yield some hypotheses' numbers and their columns side by side, (n_part, hypotheses c)."""
+        for start in range(0, len(self._machines), self._step):
+            some = self._machines[start : start + self._step]
+            made = [machine(features, reference) for machine in some]
+            yield slice(start, start + len(some)), made[0] if len(made) == 1 else np.concatenate(made, axis=1)
 
 
 def columns_of(effect: type[Effect], params: dict[str, float], features: Features, reference: Reference) -> Floats:
@@ -53,23 +119,42 @@ def with_running_force(features: Features, reference: Reference) -> Features:
     return RunningForce(reference)(features)
 
 
-def hypotheses(
-    effect: type[Effect],
-    points: Sequence[dict[str, float]],
+def built(
+    points: Mapping[type[Effect], Sequence[dict[str, float]]],
     features: Features,
     reference: Reference,
     evidence: Evidence,
-) -> list[Hypothesis]:
-    """Return the hypotheses of one effect at several points, with their inner products."""
-    out = []
-    for start in range(0, len(points), AT_ONCE):
-        part = points[start : start + AT_ONCE]
-        groups = [columns_of(effect, params, features, reference) for params in part]
-        for params, columns, moments in zip(part, groups, evidence.moments_of_many(groups), strict=True):
-            signs = effect.signs if len(effect.signs) == columns.shape[1] else (0,) * columns.shape[1]
-            rule = Rule(signs, effect.fixed_gain)
-            out.append(Hypothesis(effect, params, moments, rule, columns.astype(np.float32)))
-    return out
+) -> Library:
+    """Return the library of some effects at given points, with their inner products."""
+    families: list[Family] = []
+    for effect, chosen in points.items():
+        widths: dict[int, list[dict[str, float]]] = {}
+        for params in chosen:
+            widths.setdefault(effect.columns(params).size, []).append(params)
+        for width, alike in widths.items():
+            signs = effect.signs if len(effect.signs) == width else (0,) * width
+            stack = Stack.empty(evidence.blocks, evidence.width, len(alike), width)
+            families.append(Family(effect, tuple(alike), Rule(signs, effect.fixed_gain), stack))
+    machines = [Machines(f.effect, f.points) for f in families]
+    for piece in evidence.pieces():
+        part = features[piece.part]
+        for family, made in zip(families, machines, strict=True):
+            for here, x in made(part, reference):
+                _add(family.stack, piece, here, piece.masked(x))
+    return Library(tuple(families), features, reference)
+
+
+def _add(stack: Stack, piece: Piece, here: slice, x: Floats) -> None:
+    """Fill in the products of some hypotheses' columns (n_part, hypotheses c) for the blocks of a piece."""
+    blocks, width = piece.edges.size - 1, stack.xe.shape[2]
+    count = x.shape[1] // width
+    stack.zx[piece.blocks, :, here] = piece.by_block(piece.z, x).reshape(blocks, -1, count, width)
+    stack.xe[piece.blocks, here] = piece.by_block(x, piece.e[:, None]).reshape(blocks, count, width)
+    if width == 1:
+        stack.xx[piece.blocks, here, 0, 0] = np.add.reduceat(np.square(x), piece.edges[:-1], axis=0)
+    else:
+        gram = piece.by_block(x, x).reshape(blocks, count, width, count, width)
+        stack.xx[piece.blocks, here] = np.einsum("bhchd->bhcd", gram)
 
 
 def build_library(
@@ -79,16 +164,15 @@ def build_library(
     context: Context,
     evidence: Evidence,
     excluded: Iterable[str] = (),
-) -> list[Hypothesis]:
+) -> Library:
     """Return all hypotheses, except those of excluded effects and those that the record lacks the channel for.
 
     Position-dependent ones are tried with the integrated velocity as well: they then ask for the channel.
     """
     out = set(excluded)
-    found: list[Hypothesis] = []
-    for name, cls in catalogue.items():
-        if name in out or (cls.channel in UNKNOWN_WITHOUT and cls.channel not in context.channels):
-            continue
-        points = [*cls.grid(context), *cls.peaks(evidence.residual, features, context)]
-        found += hypotheses(cls, points, features, reference, evidence)
-    return found
+    points = {
+        cls: [*cls.grid(context), *cls.peaks(evidence.residual, features, context)]
+        for name, cls in catalogue.items()
+        if name not in out and (cls.channel not in UNKNOWN_WITHOUT or cls.channel in context.channels)
+    }
+    return built({cls: chosen for cls, chosen in points.items() if chosen}, features, reference, evidence)

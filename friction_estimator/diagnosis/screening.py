@@ -1,19 +1,22 @@
 """Linear screening of the library, and the gate that a gain must pass."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from friction_estimator.core.sample import Floats
+from friction_estimator.core.sample import Bools, Floats
 from friction_estimator.diagnosis.evidence import Evidence, Fit, Rule, null_maximum
 from friction_estimator.diagnosis.joint import Joint
-from friction_estimator.diagnosis.library import Hypothesis
-from friction_estimator.diagnosis.products import inner
+from friction_estimator.diagnosis.library import Family, Hypothesis, Library, columns_of
 from friction_estimator.diagnosis.record import Record
+from friction_estimator.diagnosis.tangent import normal_equations, pieces
 
 FLIPS = 400
 """Sign flips of the bootstrap."""
+
+RIDGE = 1e-6
+"""Share of their energy by which the gate's columns of unit rms are damped: they may be collinear."""
 
 EVERYWHERE = 0.7
 """Share of blocks in which a wave in time or position must bring a gain."""
@@ -30,57 +33,63 @@ class Screened:
     fit: Fit
 
 
-def screen(evidence: Evidence, library: Sequence[Hypothesis]) -> list[Screened]:
+def screen(evidence: Evidence, library: Library) -> list[Screened]:
     """Return the best hypothesis of each effect by nested cross-validation, best first.
 
     In each fold the grid point is chosen on the training blocks alone, and scored on the others.
     """
-    by_name: dict[str, list[Hypothesis]] = {}
-    for item in library:
-        by_name.setdefault(item.name, []).append(item)
-    everything = np.ones(evidence.blocks, np.bool_)
-    gains = {name: np.zeros(evidence.blocks) for name in by_name}
-    for fold in range(int(evidence.folds.max()) + 1):
-        test = evidence.folds == fold
-        for name, items in by_name.items():
-            fits = [evidence.fit(h.moments, h.rule, ~test) for h in items]
-            best = int(np.argmax([f.gain for f in fits]))
-            gains[name][test] = evidence.held_out(fits[best], items[best].moments, test, ~test)
+    by_name: dict[str, list[Family]] = {}
+    for family in library.families:
+        by_name.setdefault(family.name, []).append(family)
     out = []
-    for name, items in by_name.items():
-        fits = [evidence.fit(h.moments, h.rule, everything) for h in items]
-        best = int(np.argmax([f.gain for f in fits]))
-        gain = gains[name]
+    for name, families in by_name.items():
+        gain = np.zeros(evidence.blocks)
+        for fold in range(int(evidence.folds.max()) + 1):
+            test = evidence.folds == fold
+            item = _best(evidence, families, ~test)
+            fit = evidence.fit(item.moments, item.rule, ~test)
+            gain[test] = evidence.held_out(fit, item.moments, test, ~test)
+        best = _best(evidence, families, None)
         # What is there at every speed and time shows in nearly every block; leakage of the drive does not.
-        everywhere = not items[0].effect.many or float(np.mean(gain > 0.0)) >= EVERYWHERE
-        out.append(
-            Screened(name, items[best].params, float(gain.sum()) if everywhere else 0.0, items[best], fits[best])
-        )
+        everywhere = not best.effect.many or float(np.mean(gain > 0.0)) >= EVERYWHERE
+        fit = evidence.fit(best.moments, best.rule)
+        out.append(Screened(name, best.params, float(gain.sum()) if everywhere else 0.0, best, fit))
     return sorted(out, key=lambda s: -s.gain)
 
 
-def gate(
-    record: Record, joint: Joint, library: Sequence[Hypothesis], best: Sequence[Screened], seed: int
-) -> tuple[Floats, Floats]:
+def _best(evidence: Evidence, families: Sequence[Family], rows: Bools | None) -> Hypothesis:
+    """Return the hypothesis that gains most on the chosen blocks (default all)."""
+    gains = [evidence.gains(family.stack, family.rule, rows) for family in families]
+    first = int(np.argmax([g.max() for g in gains]))
+    return families[first][int(np.argmax(gains[first]))]
+
+
+def gate(record: Record, joint: Joint, library: Library, best: Sequence[Screened], seed: int) -> tuple[Floats, Floats]:
     """Return the bootstrap's largest gains, (flips,) for ordinary and for wide hypotheses, N^2.
 
     The blocks' signs are flipped after the best candidates' share was taken out of the residual, or the threshold would
     grow with the effect.
     """
-    columns = [s.hypothesis.columns for s in best[:3] if s.fit.gain > 0.0]
-    residual = joint.residual_N.copy()
-    if columns:
-        design = np.column_stack([joint.tangent, *columns])[record.used]
-        design = design / np.maximum(np.sqrt(np.mean(np.square(design), axis=0)), 1e-300)
-        gram = inner(design, design) + 1e-6 * len(design) * np.eye(design.shape[1])
-        residual[record.used] -= design @ np.linalg.solve(gram, inner(design, residual[record.used]))
+    shares = [
+        columns_of(s.hypothesis.effect, s.params, library.features, library.reference)
+        for s in best[:3]
+        if s.fit.gain > 0.0
+    ]
+    residual = joint.residual_N
+    if shares:
+        norm, gram, right = normal_equations(joint.tangent, shares, residual, record.used)
+        weights = np.linalg.solve(gram + RIDGE * int(record.used.sum()) * np.eye(norm.size), right) / norm
+        residual = residual.copy()
+        place = joint.tangent.shape[1]
+        for part in pieces(residual.size):
+            rows = np.concatenate([c[part] for c in shares], axis=1)
+            residual[part] -= joint.tangent[part] @ weights[:place] + rows @ weights[place:]
     calm = Evidence(joint.tangent, joint.penalty, residual, record.used, record.block, seed)
     groups: dict[bool, tuple[list[tuple[Floats, Floats]], list[Rule]]] = {False: ([], []), True: ([], [])}
-    for item in library:
-        xe = calm.moments_of(item.columns, item.moments)
-        projections, rules = groups[item.effect.many]
-        projections.append(calm.projected(xe))
-        rules.append(item.rule)
+    for family, xe in zip(library.families, library.products_with(calm), strict=True):
+        projections, rules = groups[family.effect.many]
+        projections += calm.projections(replace(family.stack, xe=xe))
+        rules += [family.rule] * len(family.points)
     return (
         null_maximum(calm, *groups[False], FLIPS),
         null_maximum(calm, *groups[True], FLIPS),

@@ -9,7 +9,7 @@ from scipy.stats import t as student
 from friction_estimator.core.sample import Floats
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import SPLINES, BaseProblem, Capacity, Coefficients, OddCurve
-from friction_estimator.diagnosis.evidence import Evidence, Moments, Rule
+from friction_estimator.diagnosis.evidence import Evidence, Rule
 from friction_estimator.diagnosis.excitation import pressure_order
 from friction_estimator.diagnosis.floor import noise_floor
 from friction_estimator.diagnosis.joint import Joint, JointFit, Term, cross_validated_loss
@@ -366,5 +366,5 @@ def plainer(winner: str, fits: Mapping[str, _Compared], noise_N2: float) -> str:
 
 
 def _gain(evidence: Evidence, columns: Floats) -> float:
-    moments: Moments = evidence.moments(columns)
+    moments = evidence.moments(columns)
     return float(evidence.cross_validated(moments, Rule((0,) * columns.shape[1])).sum())

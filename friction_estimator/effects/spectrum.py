@@ -28,6 +28,9 @@ SHORTEST_PIECE = 32
 NEIGHBOURS = 101
 """Independent frequencies about one whose median is the floor there: a coloured floor has no peaks then."""
 
+WINDOWS = 4096
+"""Medians that are taken at once."""
+
 SLOWEST = 3.0
 """Cycles within a piece: fewer are a drift."""
 
@@ -122,7 +125,10 @@ def spectrum(residual: Floats, time_s: Floats, step_s: float) -> Spectrum | None
     coarse = power[: power.size // group * group].reshape(-1, group).mean(axis=1)
     half = min(NEIGHBOURS // 2, coarse.size - 1)
     padded = np.pad(coarse, half, mode="reflect")
-    middle = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=1)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
+    # The median copies its windows: some of them at a time.
+    medians = [np.median(windows[k : k + WINDOWS], axis=1) for k in range(0, len(windows), WINDOWS)]
+    middle = np.concatenate(medians)
     floor = np.maximum(np.repeat(middle / (gammaincinv(freedom, 0.5) / freedom), group), 1e-300)
     frequency: Floats = np.asarray(np.fft.rfftfreq(size, step_s)[: floor.size], np.float64)
     height = power[: floor.size] / floor

@@ -1,0 +1,116 @@
+"""The derivative of a model with respect to its parameters, made piece by piece: it is never held whole.
+
+At 400,000 samples and 30 parameters it would take 100 MB, once for each model that is compared.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from friction_estimator.core.sample import Bools, Floats, Ints
+from friction_estimator.diagnosis.lagged import LaggedProducts
+from friction_estimator.diagnosis.products import inner
+
+PIECE = 16_384
+"""Samples that are worked on together: few enough for the cache, many enough that calls cost nothing beside them."""
+
+
+class Rows(Protocol):
+    """What gives (n, q) columns for a slice of the samples: an array, or a `Tangent`."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(n, q)."""
+        ...
+
+    def __getitem__(self, part: slice, /) -> Floats:
+        """Return (n_part, q)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """Columns M C of the base model and columns beside them.
+
+    Attributes
+    ----------
+    products : the lagged columns M. coefficients : C, (L, q_base). beside : (n, c) each.
+    """
+
+    products: LaggedProducts
+    coefficients: Floats
+    beside: tuple[Floats, ...] = field(default_factory=tuple)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(n, q)."""
+        width = self.coefficients.shape[1] + sum(c.shape[1] for c in self.beside)
+        return self.products.static.shape[0], width
+
+    def __getitem__(self, part: slice, /) -> Floats:
+        """Return the columns of some samples, (n_part, q)."""
+        base = self.products.combine(self.coefficients, part)
+        return np.concatenate([base, *(c[part] for c in self.beside)], axis=1) if self.beside else base
+
+    def beside_it(self, columns: Sequence[Floats]) -> "Tangent":
+        """Return the tangent with further columns, (n, c) each."""
+        return Tangent(self.products, self.coefficients, (*self.beside, *columns))
+
+
+def pieces(n: int) -> Iterator[slice]:
+    """Yield slices of at most `PIECE` samples that make up n.
+
+    >>> [(p.start, p.stop) for p in pieces(20_000)]
+    [(0, 16384), (16384, 20000)]
+    """
+    for start in range(0, n, PIECE):
+        yield slice(start, min(start + PIECE, n))
+
+
+def piece_edges(edges: Ints) -> list[tuple[int, int]]:
+    """Return first and last (excluded) block of pieces of whole blocks, each of about `PIECE` samples or one block.
+
+    >>> piece_edges(np.array([0, 9000, 18000, 27000, 90000]))
+    [(0, 1), (1, 2), (2, 3), (3, 4)]
+    """
+    out, first = [], 0
+    for b in range(1, edges.size):
+        if b == edges.size - 1 or edges[b + 1] - edges[first] > PIECE:
+            out.append((first, b))
+            first = b
+    return out
+
+
+def chosen_rows(tangent: Rows, beside: Sequence[Floats], used: Bools) -> Floats:
+    """Return tangent and columns beside it of the chosen samples, (n_used, q)."""
+    out = np.empty((int(used.sum()), tangent.shape[1] + sum(c.shape[1] for c in beside)))
+    place = 0
+    for part in pieces(used.size):
+        here = used[part]
+        rows = np.concatenate([tangent[part], *(c[part] for c in beside)], axis=1)[here]
+        out[place : place + len(rows)] = rows
+        place += len(rows)
+    return out
+
+
+def normal_equations(
+    tangent: Rows, beside: Sequence[Floats], error: Floats, used: Bools
+) -> tuple[Floats, Floats, Floats]:
+    """Return rms of each column, and Z'Z and Z'e of the columns divided by it: (q,), (q, q), (q,).
+
+    Parameters
+    ----------
+    tangent, beside : columns Z, (n, q) in all. error : e, (n,). used : (n,) bool, samples that count.
+    """
+    width = tangent.shape[1] + sum(c.shape[1] for c in beside)
+    gram, right = np.zeros((width, width)), np.zeros(width)
+    for part in pieces(used.size):
+        here = used[part]
+        rows = np.concatenate([tangent[part], *(c[part] for c in beside)], axis=1)[here]
+        if len(rows):
+            gram += inner(rows, rows)
+            right += inner(rows, error[part][here])
+    norm = np.maximum(np.sqrt(np.diag(gram) / max(int(used.sum()), 1)), 1e-300)
+    return norm, gram / np.outer(norm, norm), right / norm
