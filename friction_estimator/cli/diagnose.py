@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb; 1 for the verdict `undecidable`."""
     # scipy takes a second to import: `--help` needs none of it.
     from friction_estimator.diagnosis.diagnose import diagnose  # noqa: PLC0415
-    from friction_estimator.diagnosis.summary import as_json, sentences  # noqa: PLC0415
+    from friction_estimator.diagnosis.summary import as_json, judged_by, sentences  # noqa: PLC0415
 
     output = common.Output(args.json)
     config = common.config_from(args)
@@ -64,7 +64,10 @@ def run(args: argparse.Namespace) -> int:
         figures, extended = _write(Path(args.out), result, config, args.bags)
     summary = as_json(result, args.bags, figures, extended)
     if args.out:
-        _write_summary(Path(args.out), summary, sentences(result), figures)
+        judged = judged_by(args.bags, extended, args.config)
+        _write_summary(Path(args.out), summary, sentences(result), judged, figures)
+        for line in judged:
+            output.say(line)
         output.say(f"written: {args.out}")
     output.result(summary)
     return 1 if result.verdict == "undecidable" else 0
@@ -121,13 +124,17 @@ def _write(folder: Path, result: Any, config: Config, bags: list[str]) -> tuple[
     return figures, extended
 
 
-def _write_summary(folder: Path, summary: dict[str, Any], words: list[str], figures: dict[str, str]) -> None:
+def _write_summary(
+    folder: Path, summary: dict[str, Any], words: list[str], judged: list[str], figures: dict[str, str]
+) -> None:
     from friction_estimator.files import write_text  # noqa: PLC0415
     from friction_estimator.report.html import Section, write_page  # noqa: PLC0415
 
     write_text(folder / "summary.json", common.to_json(summary) + "\n")
     drawn = [(Path(path), name) for name, path in figures.items()]
     sections = [Section("Findings", words)]
+    if judged:
+        sections.append(Section("The extended model on other recordings", judged))
     if drawn:
         sections.append(Section("Figures", figures=drawn))
     write_page(folder / "report.html", "Diagnosis", f"{summary['verdict']}: {', '.join(summary['bags'])}", sections)

@@ -11,8 +11,9 @@ from friction_estimator.diagnosis.base import BaseFit
 from friction_estimator.diagnosis.base_problem import BEND
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.result import Diagnosis
-from friction_estimator.effects.base import EFFECTS
-from friction_estimator.effects.extension import TermSpec
+from friction_estimator.effects.base import EFFECTS, Effect
+from friction_estimator.effects.extension import TermSpec, held_variable
+from friction_estimator.effects.features import Features
 
 CURVE_POINTS = 3001
 RIDGE = 1e-7
@@ -30,8 +31,10 @@ def is_offered(result: Diagnosis) -> bool:
 def extended_config(result: Diagnosis, config: Config) -> Config:
     """Return the configuration of the base model with the named terms, warm with everything that was fitted.
 
-    The base's odd splines are projected on the wavelet basis over the recorded velocities; the FIR and the theory's
-    gain are taken over as they are. A clipped sensor becomes a saturation term of coefficient one.
+    The base's odd splines are projected on the wavelet basis over the velocities as they were used, that is repaired;
+    the FIR and the theory's gain are taken over as they are. The terms' reference curve is taken at the temperature of
+    the recordings, and no term goes beyond what was measured of its cause (`effects.extension`). A fault that the
+    model can take up becomes a term of coefficient one.
     """
     model = result.models[-1]
     units = chosen(config, result.record.features.velocity_m_s, result.record.friction_N)
@@ -63,6 +66,7 @@ def extended_config(result: Diagnosis, config: Config) -> Config:
         "learned.extension_weights": tuple(weights),
     }
     if base.theory is not None:
+        learned["theory.default_temperature"] = float(result.record.features.temperature_degC.mean())
         # The estimator's taps stand behind the scaled curve.
         own = np.concatenate([[-base.own_lags.sum()], base.own_lags])
         taps = (base.theory_gain * shape + own) / theory_scale(units, base.theory)
@@ -78,9 +82,18 @@ def terms_of(model: Joint) -> tuple[list[TermSpec], list[float]]:
         columns = term.effect.columns(term.params)(model.features, model.reference)
         for part in range(columns.shape[1]):
             scale = float(np.sqrt(np.mean(np.square(columns[:, part])))) or 1.0
-            specs.append(TermSpec(term.effect, dict(term.params), part, scale))
+            specs.append(TermSpec(term.effect, dict(term.params), part, scale, measured(term.effect, model.features)))
             weights.append(float(term.weights[part]) * scale)
     return specs, weights
+
+
+def measured(effect: type[Effect], features: Features) -> tuple[float, float] | None:
+    """Return what was measured of the variable in which a term of this effect goes no further, or None."""
+    name = held_variable(effect)
+    if name is None:
+        return None
+    values = getattr(features, name)
+    return float(values.min()), float(values.max())
 
 
 def projected_curve(base: BaseFit, config: Config) -> Floats:

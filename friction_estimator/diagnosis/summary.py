@@ -84,6 +84,24 @@ def _gain(gain: Gain | None) -> dict[str, Any] | None:
     }
 
 
+def judged_by(bags: Sequence[str], extended_model: str | None, config: str | None) -> list[str]:
+    """Return in words how the extended model is judged on a recording that it has not seen, nothing where none is.
+
+    Parameters
+    ----------
+    bags : that were diagnosed. extended_model : file or None. config : of the diagnosis, or None.
+    """
+    if extended_model is None:
+        return []
+    learned = f"friction_estimator replay {' '.join(bags)} --test OTHER"
+    given = f" --config {config}" if config else ""
+    return [
+        "To judge the extended model on a recording OTHER that neither has seen, compare the test errors of these two:",
+        f"{learned}{given}",
+        f"{learned} --config {extended_model}",
+    ]
+
+
 def sentence(found: Found) -> str:
     """Return what was found, in one or two sentences."""
     words = EFFECTS[found.name].words

@@ -1,12 +1,14 @@
 """The extended model: terms of `extension.terms` as columns that the estimator runs beside the base model.
 
 A term is `NAME:key=value,...`: an effect's id, the parameters of its regressor, `part` (which of its columns, from 0)
-and `scale` (what the column is divided by, so that its coefficient is in N). The reference curve that dynamic terms
+and `scale` (what the column is divided by, so that its coefficient is in N), and where the cause is a function of time,
+distance, position or pressure, `from` and `to`: what was measured of it; beyond, the term keeps its value at the end.
+Static shapes keep theirs beyond the reference's top speed. The reference curve that dynamic terms
 are made from is the configuration's own: theory and learned weights at construction, frozen. Batch and
 sample-by-sample use give the same numbers, since every column is a causal machine that carries its state.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,12 +21,12 @@ from friction_estimator.core.model.theory_seal import SealCurve
 from friction_estimator.core.sample import Floats, Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import NO_VELOCITY
-from friction_estimator.effects.base import EFFECTS, Effect
+from friction_estimator.effects.base import EFFECTS, SLOW, Effect
 from friction_estimator.effects.columns import Columns, RunningForce
-from friction_estimator.effects.features import FeatureMaker
+from friction_estimator.effects.features import FeatureMaker, Features
 from friction_estimator.effects.reference import Reference, Surface
 
-PART, SCALE = "part", "scale"
+PART, SCALE, FROM, TO = "part", "scale", "from", "to"
 
 SIGN_SHARE = 20.0
 SIGN_SHARE_WITHOUT_THEORY = 60.0
@@ -39,19 +41,38 @@ DERIVATIVE_STEP = 0.02
 
 @dataclass(frozen=True)
 class TermSpec:
-    """One term of `extension.terms`: an effect, its parameters, which column, and its scale."""
+    """One term of `extension.terms`.
+
+    Attributes
+    ----------
+    effect, params : which, and the parameters of its regressor. part : which of its columns. scale : of the column.
+    measured : least and largest value of `held_variable` that it was fitted to; None: it is held nowhere.
+    """
 
     effect: type[Effect]
     params: dict[str, float]
     part: int = 0
     scale: float = 1.0
+    measured: tuple[float, float] | None = None
 
     @property
     def text(self) -> str:
         """The term as `parse_term` reads it."""
         keys = [f"{k}={v!r}" for k, v in self.params.items()]
         keys += [f"{PART}={self.part}", f"{SCALE}={self.scale!r}"]
+        if self.measured is not None:
+            keys += [f"{FROM}={self.measured[0]!r}", f"{TO}={self.measured[1]!r}"]
         return f"{self.effect.name}:{','.join(keys)}"
+
+
+def held_variable(effect: type[Effect]) -> str | None:
+    """Return the field of `Features` beyond whose measured range a term of this effect keeps its value, or None.
+
+    What happened with time or distance says nothing of later, a pattern nothing of where the shaft has not been. A law
+    (a mass, a delay) holds everywhere.
+    """
+    by_place = effect.reveals == "position_m"
+    return effect.reveals if effect.acts == SLOW or effect.recorded or by_place else None
 
 
 def parse_term(text: str) -> TermSpec:
@@ -79,6 +100,9 @@ def parse_term(text: str) -> TermSpec:
             raise ConfigError(f"extension.terms: {text!r}: {item!r} is not key=number")
         values[key.strip()] = number
     part, scale = values.pop(PART, 0.0), values.pop(SCALE, 1.0)
+    low, high = values.pop(FROM, -np.inf), values.pop(TO, np.inf)
+    if low > high:
+        raise ConfigError(f"extension.terms: {text!r}: {FROM} is not above {TO}")
     if part < 0.0 or part != int(part) or scale == 0.0:
         raise ConfigError(f"extension.terms: {text!r}: part is a whole number from 0, scale is not 0")
     try:
@@ -92,7 +116,7 @@ def parse_term(text: str) -> TermSpec:
     missing_key = _missing(columns)
     if missing_key:
         raise ConfigError(f"extension.terms: {text!r}: {missing_key} is missing")
-    return TermSpec(cls, values, int(part), scale)
+    return TermSpec(cls, values, int(part), scale, (low, high) if np.isfinite([low, high]).any() else None)
 
 
 def _missing(columns: Columns) -> str:
@@ -133,13 +157,15 @@ class ExtensionTerms:
         self._reference = reference_from_config(config)
         self._running = RunningForce(self._reference)
         self._columns: list[Columns] = []
+        self._firsts: list[TermSpec] = []
         self._place: list[int] = []
-        known: dict[tuple[str, tuple[tuple[str, float], ...]], int] = {}
+        known: dict[tuple[object, ...], int] = {}
         for spec in self._specs:
-            key = spec.effect.name, tuple(sorted(spec.params.items()))
+            key = spec.effect.name, tuple(sorted(spec.params.items())), spec.measured
             if key not in known:
                 known[key] = len(self._columns)
                 self._columns.append(spec.effect.columns(spec.params))
+                self._firsts.append(spec)
             self._place.append(known[key])
 
     @property
@@ -155,7 +181,11 @@ class ExtensionTerms:
     def columns(self, samples: Samples, theory_N: Floats) -> Floats:  # noqa: ARG002 - the estimator's interface
         """Return the columns for the next samples, (n, size), N per unit coefficient."""
         features = self._running(self._make(samples))
-        groups = [columns(features, self._reference) for columns in self._columns]
+        top = self._reference.top_m_s
+        groups = [
+            columns(held(features, spec, top), self._reference)
+            for columns, spec in zip(self._columns, self._firsts, strict=True)
+        ]
         out = np.empty((len(samples), self.size))
         for i, (spec, place) in enumerate(zip(self._specs, self._place, strict=True)):
             out[:, i] = groups[place][:, spec.part] / spec.scale
@@ -167,6 +197,16 @@ class ExtensionTerms:
         self._running.restart()
         for columns in self._columns:
             columns.restart()
+
+
+def held(features: Features, spec: TermSpec, top_m_s: float) -> Features:
+    """Return the features within what was measured of a term's cause, and a static shape's within the top speed."""
+    name = held_variable(spec.effect)
+    if name is not None and spec.measured is not None:
+        features = replace(features, **{name: np.clip(getattr(features, name), *spec.measured)})
+    if spec.effect.about_curve:
+        features = replace(features, velocity_m_s=np.clip(features.velocity_m_s, -top_m_s, top_m_s))
+    return features
 
 
 def extension_from_config(config: Config) -> ExtensionTerms | None:

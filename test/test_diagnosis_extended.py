@@ -1,0 +1,125 @@
+"""The extended model: no further than it was measured, and better on a recording that it has not seen."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from diagnosis_records import record
+
+from friction_estimator.cli.main import main
+from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.sample import Samples
+from friction_estimator.core.settings.config import Config
+from friction_estimator.diagnosis.diagnose import Diagnosis, diagnose
+from friction_estimator.diagnosis.extend import extended_config, is_offered
+from friction_estimator.effects.extension import ExtensionTerms, parse_term
+
+UNITS = {"basis.velocity_range": [-0.1, 0.1], "force_unit": 4.0}
+
+
+def moved(position_m: np.ndarray, step_s: float = 0.01) -> Samples:
+    """Return samples of a shaft at these positions."""
+    velocity = np.gradient(position_m, step_s)
+    stamps = 1 + np.round(np.arange(position_m.size) * step_s * 1e9).astype(np.int64)
+    start = np.arange(position_m.size) == 0
+    pressure = np.full(position_m.size, 5e5)
+    return Samples(stamps, velocity, np.zeros(position_m.size), start, pressure, position_m=position_m)
+
+
+def columns(terms: list[str], samples: Samples) -> np.ndarray:
+    extension = ExtensionTerms(Config.from_mapping({"extension.terms": terms, **UNITS}))
+    return extension.columns(samples, np.zeros(len(samples)))
+
+
+def test_a_pattern_in_position_is_held_where_the_shaft_has_not_been() -> None:
+    there = moved(np.linspace(-0.05, 0.05, 400))
+    free = columns(["position_dependence:wavelength=0.004,part=0"], there)[:, 0]
+    kept = columns(["position_dependence:wavelength=0.004,part=0,from=-0.02,to=0.021"], there)[:, 0]
+    assert there.position_m is not None
+    inside = (there.position_m >= -0.02) & (there.position_m <= 0.021)
+    np.testing.assert_array_equal(kept[inside], free[inside])
+    assert np.ptp(kept[there.position_m > 0.021]) == 0.0
+    assert np.ptp(free[there.position_m > 0.021]) > 1.0
+
+
+@pytest.mark.parametrize("term", ["sensor_drift:duration=2,part=2", "viscosity_drift:time_constant=3"])
+def test_what_went_with_time_stops_where_it_was_measured(term: str) -> None:
+    steady = moved(0.02 * np.arange(1000) * 0.01)
+    kept = columns([f"{term},from=0.0,to=2.0"], steady)[:, 0]
+    time = np.arange(1000) * 0.01
+    if "sensor" in term:  # the cube of the time
+        np.testing.assert_allclose(kept, np.minimum(time / 2.0, 1.0) ** 3, rtol=1e-9)
+    late = kept[time > 2.0]
+    assert np.ptp(late) <= 1e-9 * np.ptp(columns([term], steady)[time > 2.0])
+
+
+def test_a_static_shape_keeps_its_value_beyond_the_top_speed() -> None:
+    faster = moved(np.cumsum(np.linspace(0.0, 0.4, 400)) * 0.01)
+    terms = [f"direction_asymmetry:shape=1,part={k}" for k in (0, 1)]
+    found = columns(terms, faster)
+    beyond = faster.velocity_m_s > 0.11
+    assert np.abs(found[beyond, 1]).max() <= 1.001 * np.abs(found[beyond, 0]).max()
+
+
+def test_ends_in_the_wrong_order_are_refused_and_text_reads_back() -> None:
+    with pytest.raises(ConfigError, match="from is not above to"):
+        parse_term("position_dependence:wavelength=0.004,from=2,to=1")
+    spec = parse_term("position_dependence:wavelength=0.004,part=1,scale=2.0,from=-0.5,to=1.0")
+    assert spec.measured == (-0.5, 1.0)
+    assert parse_term(spec.text) == spec
+    assert parse_term("inertia:part=0").measured is None
+
+
+@pytest.fixture(scope="module")
+def ripple() -> Diagnosis:
+    return diagnose([record(["position_dependence:size=0.04,wavelength=0.004"])], Config())
+
+
+def test_the_terms_carry_what_was_measured_and_the_temperature(ripple: Diagnosis) -> None:
+    assert is_offered(ripple)
+    config = extended_config(ripple, Config())
+    position = ripple.record.features.position_m
+    for text in config.extension.terms:
+        assert parse_term(text).measured == (position.min(), position.max())
+    assert config.theory.default_temperature == pytest.approx(ripple.record.features.temperature_degC.mean())
+
+
+def test_the_range_is_that_of_the_velocity_as_repaired(ripple: Diagnosis) -> None:
+    """A velocity reported too fast by two is repaired before it gives the model its range."""
+    raw = replace(ripple.raw, features=replace(ripple.raw.features, velocity_m_s=ripple.raw.features.velocity_m_s * 2))
+    config = extended_config(replace(ripple, raw=raw), Config())
+    top = float(np.abs(ripple.record.features.velocity_m_s).max())
+    assert config.reach[1] == pytest.approx(1.05 * top)
+
+
+def test_a_model_that_does_not_gain_on_held_out_data_is_not_offered(ripple: Diagnosis) -> None:
+    assert ripple.total_gain is not None
+    poor = replace(ripple.total_gain, low_percent=-0.5)
+    assert not is_offered(replace(ripple, total_gain=poor))
+
+
+def test_on_another_recording_the_error_falls(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("rosbags")
+    schedules = {"learned": "1:50:6,5:50:10,1:200:6,5:200:10,1:50:6,5:50:10", "other": "3:120:9,1.5:80:6:triangle"}
+    bags = {name: str(tmp_path / name) for name in schedules}
+    for seed, (name, schedule) in enumerate(schedules.items()):
+        made = ["simulate", "--out", bags[name], "--plant", "clean", "--rate", "200", "--seed", str(seed)]
+        assert main([*made, "--schedule", schedule, "--effect", "inertia:size=0.04"]) == 0
+    out = tmp_path / "out"
+    capsys.readouterr()
+    assert main(["diagnose", bags["learned"], "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    page = (out / "report.html").read_text()
+    assert "On data that the fit never saw the error falls from" in page
+    errors = []
+    for more in ([], ["--config", str(out / "extended.yaml")]):
+        words = ["replay", bags["learned"], "--test", "OTHER", *more]
+        assert " ".join(["friction_estimator", *words]) in said
+        assert " ".join(words) in page
+        words[words.index("OTHER")] = bags["other"]
+        assert main([*words, "--json", str(tmp_path / "judged.json")]) == 0
+        errors.append(json.loads((tmp_path / "judged.json").read_text())["test"][0]["nrmse"])
+    assert errors[1] < 0.6 * errors[0]
+    assert errors[1] < 0.025
