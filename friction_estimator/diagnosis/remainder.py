@@ -100,18 +100,16 @@ def unexplained(
     noticeable = gains[best] > min(PARTIAL * (explained + gains[best]), NOTICEABLE * total)
     if gains[best] > threshold and noticeable:
         share = gains[best] / (explained + gains[best])
-        return Remainder(best, share, "mean", _sentence(best, share, "the mean residual"))
+        return Remainder(best, share, "mean", _sentence(best, "the mean residual"))
     line = _line(record, joint)
     if line is not None and line[1] > PARTIAL * (explained + line[1]) and line[1] > LEAST_SHARE * total:
         share = line[1] / (explained + line[1])
-        words = f"{100 * share:.0f} % of the excess is unexplained: a line at {line[0]:.4g} Hz"
+        words = f"a line at {line[0]:.4g} Hz is left, which no named cause explains"
         return Remainder(SPECTRUM, share, "mean", words, line[0])
     if not any(EFFECTS[f.name].scatters for f in findings) and not found.causes:
         dependent = variance_dependence(record, joint.residual_N, evidence)
         if dependent is not None:
-            return Remainder(
-                dependent[0], dependent[1], "variance", _sentence(dependent[0], dependent[1], "the scatter")
-            )
+            return Remainder(dependent[0], dependent[1], "variance", _sentence(dependent[0], "the scatter"))
         size = np.abs(joint.residual_N) / local_scale(record.features, record.used, joint.residual_N)
         spikes = int((size[record.used] > FAR).sum())
         if spikes >= 6:
@@ -131,9 +129,8 @@ def _memory(residual: Floats) -> float:
     return float(np.clip(1.0 + 2.0 * np.maximum(lags, 0.0).sum(), 1.0, 20.0))
 
 
-def _sentence(variable: str, share: float, what: str) -> str:
-    left = f"{100 * share:.0f} % of the excess is explained by no named cause"
-    return f"{what} still depends on {NAMES[variable]}: {left}"
+def _sentence(variable: str, what: str) -> str:
+    return f"{what} still depends on {NAMES[variable]}, which no named cause explains"
 
 
 def _line(record: Record, joint: Joint) -> tuple[float, float] | None:
