@@ -97,6 +97,10 @@ class Evidence:
             xe[piece.blocks] = piece.by_block(x, piece.e[:, None])[:, :, 0]
         return Moments(zx, xx, xe)
 
+    def by_block(self, left: Floats, right: Floats) -> Floats:
+        """Return the sum of left right over the samples in use of each block, (n,) and (n,): (blocks,)."""
+        return np.add.reduceat(left * right * self._used, self._edges[:-1])
+
     def fit(self, moments: Moments, rule: Rule, rows: Bools | None = None) -> Fit:
         """Fit base and hypothesis jointly on the chosen blocks (default all)."""
         rows = np.ones(self.blocks, np.bool_) if rows is None else rows
