@@ -33,7 +33,7 @@ def test_a_cause_outside_the_catalogue_is_unexplained(unexplained: Diagnosis) ->
     assert unexplained.unexplained_percent > 10.0
     assert unexplained.total_gain is None
     assert unexplained.detection_limit_N == {}  # no promise of what would have been seen beside it
-    assert any("explained by no named cause" in text for text in unexplained.excitation.warnings)
+    assert any("no named cause explains" in text for text in unexplained.excitation.warnings)
     assert "no name holds" in sentences(unexplained)[0]
 
 

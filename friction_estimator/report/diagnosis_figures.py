@@ -62,6 +62,8 @@ def write_diagnosis_figures(result: Diagnosis, folder: str | os.PathLike[str]) -
 
 def _modelled(result: Diagnosis, found: Found) -> Figure:
     """Residual before, with the fitted term; residual after."""
+    if EFFECTS[found.name].delays:
+        return _delayed(result, found)
     number = found.term
     before, after = result.models[number], result.models[number + 1]
     # The term as it stands in the final model; what the residual lacked before is its projected part.
@@ -78,18 +80,56 @@ def _modelled(result: Diagnosis, found: Found) -> Figure:
     figure = Figure(figsize=(10, 4.2))
     axes = figure.subplots(1, 2, sharey=True)
     what = "residual, in the direction of motion (N)" if turns else "residual (N)"
-    difference = before.residual_N - after.residual_N
-    _cloud(axes[0], values * factor, before.residual_N * folded, used)
-    _line(axes[0], values * factor, before.residual_N * folded, used, style.RESIDUAL, "mean residual")
-    _line(
-        axes[0], values * factor, difference * folded, used, style.PREDICTED, "fitted term (refit of base and effect)"
-    )
+    first, last = before.residual_N * folded, after.residual_N * folded
+    _cloud(axes[0], values * factor, first, used)
+    _line(axes[0], values * factor, first, used, style.RESIDUAL, "mean residual")
+    _line(axes[0], values * factor, first - last, used, style.PREDICTED, "what the effect takes off it", "--")
     axes[0].set(title=f"before: base model{' and earlier effects' if number else ''}", xlabel=label, ylabel=what)
-    _cloud(axes[1], values * factor, after.residual_N * folded, used)
-    _line(axes[1], values * factor, after.residual_N * folded, used, style.RESIDUAL, "mean residual")
+    _cloud(axes[1], values * factor, last, used)
+    _line(axes[1], values * factor, last, used, style.RESIDUAL, "mean residual")
     axes[1].set(title=f"after: with {found.name}", xlabel=label)
-    _limits(axes, before.residual_N[used], after.residual_N[used])
+    _limits(axes, first[used], last[used])
     axes[0].legend(loc="upper right", fontsize=8)
+    return figure
+
+
+def _delayed(result: Diagnosis, found: Found) -> Figure:
+    """One reversal as it was measured and as both models have it; their residuals after all reversals.
+
+    The base model's memory bends towards a time of the whole force, so that its mean residual alone shows no delay.
+    """
+    before, after = result.models[found.term], result.models[found.term + 1]
+    features, force = result.record.features, result.record.friction_N
+    since, step = features.since_reversal_s, result.context.step_s
+    (time,) = (e.value for e in found.parameters.values())
+    reach = max(NEAR["since_reversal_s"] * time, FEWEST_SHOWN * step)
+    figure = Figure(figsize=(10, 4.2))
+    axes = figure.subplots(1, 2)
+    starts = np.flatnonzero((np.diff(np.where(np.isfinite(since), since, 0.0), prepend=0.0) < 0.0) & result.record.used)
+    # The sharpest reversal of the middle ones: there a time shows best.
+    starts = starts if starts.size else np.array([since.size // 2])
+    sharp = np.abs(features.acceleration_m_s2[starts])
+    here = int(starts[np.argsort(np.abs(starts - since.size // 2) / since.size - sharp / max(sharp.max(), 1e-300))[0]])
+    count = round(reach / step)
+    part = slice(max(0, here - count // 3), here + count)
+    at = (features.time_s[part] - features.time_s[here]) * 1e3
+    axes[0].plot(at, force[part], "o", ms=4, color=style.MEASURED, label="measured")
+    for model, color, name in ((before, style.THEORY, "base model"), (after, style.PREDICTED, f"with {found.name}")):
+        axes[0].plot(at, (force - model.residual_N)[part], color=color, lw=1.4, label=name)
+    axes[0].set(title="one reversal", xlabel="time since the reversal (ms)", ylabel="force (N)")
+    axes[0].legend(fontsize=8)
+    used = result.record.used & np.isfinite(since) & (since <= reach)
+    folded = np.sign(features.velocity_m_s)
+    for model, color, name in ((before, style.THEORY, "base model"), (after, style.PREDICTED, f"with {found.name}")):
+        where = np.flatnonzero(used)[:: max(1, int(used.sum()) // SHOWN)]
+        shift = 0.1 * step * (1.0 if model is after else -1.0)  # samples of both stand side by side
+        axes[1].plot(
+            (since[where] + shift) * 1e3, (model.residual_N * folded)[where], ".", ms=3, color=color, label=name
+        )
+    axes[1].set(title="all reversals", xlabel="time since the reversal (ms)")
+    axes[1].set(ylabel="residual, in the direction of motion (N)")
+    _limits([axes[1]], (before.residual_N * folded)[used])
+    axes[1].legend(loc="upper right", fontsize=8)
     return figure
 
 
@@ -293,7 +333,7 @@ def _cloud(axes: Axes, x: Floats, y: Floats, used: Bools) -> None:
     axes.plot(x[where], y[where], ".", ms=1.5, color=style.MEASURED, alpha=0.45, zorder=1, rasterized=True)
 
 
-def _line(axes: Axes, x: Floats, y: Floats, used: Bools, color: str, label: str) -> None:
+def _line(axes: Axes, x: Floats, y: Floats, used: Bools, color: str, label: str, dashes: str = "-") -> None:
     """Draw the mean in quantile bins of x; where x has a few levels only, the mean of each."""
     if used.sum() < BINS:
         return
@@ -306,7 +346,7 @@ def _line(axes: Axes, x: Floats, y: Floats, used: Bools, color: str, label: str)
         gaps = [0.5 * (even[a + 1] + even[b + 1]) for a in ends for b in starts[starts >= a][:1]]
         edges = np.array([even[0], *gaps, even[-1]])
     else:
-        edges = np.unique(np.quantile(x[used], np.linspace(0.0, 1.0, BINS + 1)))
+        edges = _apart(np.quantile(x[used], np.linspace(0.0, 1.0, BINS + 1)))
     if edges.size < 3:
         return
     cell = np.clip(np.searchsorted(edges, x[used], side="right") - 1, 0, edges.size - 2)
@@ -314,7 +354,20 @@ def _line(axes: Axes, x: Floats, y: Floats, used: Bools, color: str, label: str)
     keep = count > 0
     middle = np.bincount(cell, weights=x[used], minlength=edges.size - 1)[keep] / count[keep]
     mean = np.bincount(cell, weights=y[used], minlength=edges.size - 1)[keep] / count[keep]
-    axes.plot(middle, mean, "o-" if few else "-", ms=6, color=color, lw=1.8, label=label, zorder=3)
+    axes.plot(middle, mean, ("o" if few else "") + dashes, ms=6, color=color, lw=1.8, label=label, zorder=3)
+
+
+def _apart(edges: Floats) -> Floats:
+    """Return edges of which none is closer to the next than half of what even bins would be wide.
+
+    Samples that a periodic drive puts at the same places would otherwise have bins of their own, one over the other.
+    """
+    least = 0.5 * float(edges[-1] - edges[0]) / BINS
+    kept = [float(edges[0])]
+    for edge in edges[1:-1].tolist():
+        if edge - kept[-1] >= least and edges[-1] - edge >= least:
+            kept.append(edge)
+    return np.unique([*kept, float(edges[-1])])
 
 
 def _limits(axes: "np.ndarray | list[Axes]", *values: Floats) -> None:
@@ -323,4 +376,4 @@ def _limits(axes: "np.ndarray | list[Axes]", *values: Floats) -> None:
     high = max(float(np.quantile(v, 0.999)) for v in values)
     room = 0.08 * (high - low)
     for one in np.ravel(np.asarray(axes, dtype=object)):
-        one.set_ylim(low - room, high + 4.0 * room)
+        one.set_ylim(low - room, high + 3.0 * room)
