@@ -77,7 +77,7 @@ def test_a_delay_is_found_within_its_interval(delay: float) -> None:
         assert first.name == "time_delay"
     (fitted,) = first.parameters.values()
     assert fitted.low <= delay <= fitted.high
-    assert fitted.high - fitted.low < 0.2 * delay or delay < 0.5 * result.context.step_s
+    assert fitted.high - fitted.low < max(0.2 * delay, 0.25 * result.context.step_s)
     assert result.unexplained_percent < 5.0
 
 
