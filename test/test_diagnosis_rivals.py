@@ -9,11 +9,13 @@ import pytest
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import SPLINES, BaseProblem, Capacity
+from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.diagnosis.joint import Joint, JointFit, Term
 from friction_estimator.diagnosis.library import build_library, columns_of
 from friction_estimator.diagnosis.record import Record, build_record
 from friction_estimator.diagnosis.rivals import Alike, alike, closest
-from friction_estimator.diagnosis.trials import SEPARATES, Outcome, Trials
+from friction_estimator.diagnosis.trials import SEPARATES, Drive, Outcome, Trials
+from friction_estimator.diagnosis.words import next_experiment
 from friction_estimator.effects import EFFECTS, parse_effect
 from friction_estimator.effects.features import Context
 from friction_estimator.rig.drive import Segment, segment
@@ -125,3 +127,23 @@ def test_a_drive_that_cannot_be_simulated_says_nothing() -> None:
         joint.terms[0], EFFECTS["side_spring"]
     )
     assert none == []
+
+
+def test_a_sentence_is_offered_unless_its_drives_do_not_separate() -> None:
+    drive = Drive("a second period, 3 times as long", ("period",), ())
+    other = Drive("speed steps without reversal", ("speed steps",), ())
+    name, rival = "inertia", "side_spring"
+    said = f"{name} or {rival}: {EFFECTS[name].words.confused_with[rival]}"
+    assert "period" in said
+    assert next_experiment(name, (rival,)) == said
+    assert next_experiment(name, (rival,), lambda _: [Outcome(drive, 0.4, 1.0)]) == said
+    apart = [Outcome(other, 0.1, 2.0), Outcome(drive, 0.95, 1.0)]
+    assert next_experiment(name, (rival,), lambda _: apart) == f"{name} or {rival}: speed steps without reversal"
+    assert next_experiment(name, (rival,), lambda _: [Outcome(drive, 0.95, 1.0)]) is None
+    assert next_experiment(name, ()) is None
+
+
+def test_a_rival_that_was_no_candidate_is_found_by_its_angle() -> None:
+    result = diagnose([made(ONE_SINE, "inertia:size=0.04")], Config())
+    assert {"inertia", "side_spring"} <= {result.effects[0].name, *result.effects[0].rivals}
+    assert "a second period" in (result.effects[0].experiment or "")

@@ -26,6 +26,7 @@ from friction_estimator.diagnosis.result import (
     Trace,
 )
 from friction_estimator.diagnosis.search import LEAST_SHARE, Cause, Search, Searcher
+from friction_estimator.diagnosis.trials import Trials
 from friction_estimator.diagnosis.words import next_experiment
 from friction_estimator.effects.base import EFFECTS, Effect
 from friction_estimator.effects.detection import COMPLETELY, Fault
@@ -80,7 +81,8 @@ def diagnose(
     progress("measuring gains on held-out data", 0.75)
     errors = [held_out_errors(found.problem, context, model) for model in found.models]
     spread = float(np.std(record.friction_N[record.used]))
-    effects = _named(record, context, found, errors, spread, seed)
+    trials = Trials(final, record, config, context, seed)
+    effects = _named(record, context, found, errors, spread, seed, trials, catalogue)
     progress("noise floor and remainder", 0.85)
     base_error, last_error = rms(errors[0], record), rms(errors[-1], record)
     floor = min(noise_floor(record, final.residual_N), base_error)
@@ -142,7 +144,14 @@ def _undecidable(raw: Record, config: Config, context: Context, excitation: Exci
 
 
 def _named(
-    record: Record, context: Context, found: Search, errors: Sequence[np.ndarray], spread: float, seed: int
+    record: Record,
+    context: Context,
+    found: Search,
+    errors: Sequence[np.ndarray],
+    spread: float,
+    seed: int,
+    trials: Trials,
+    catalogue: Mapping[str, type[Effect]],
 ) -> list[Found]:
     """Return the causes with parameters and held-out gains, each from the model before it."""
     if not found.causes:
@@ -151,7 +160,7 @@ def _named(
     named = {c.name for c in found.causes}
 
     def one(i: int, cause: Cause) -> Found:
-        effect = found.models[-1].terms[i].effect
+        term = found.models[-1].terms[i]
         rivals = tuple(name for name in cause.rivals if name not in named)
         gain = gain_between(errors[i], errors[i + 1], record, spread)
         return Found(
@@ -160,8 +169,8 @@ def _named(
             parameters=fitted[i],
             gain=gain if cause.p_value is not None else None,
             rivals=rivals,
-            experiment=next_experiment(cause.name, rivals),
-            evidence=effect.words.where if cause.p_value is not None else MEMORY_WORDS,
+            experiment=next_experiment(cause.name, rivals, lambda rival: trials.separation(term, catalogue[rival])),
+            evidence=term.effect.words.where if cause.p_value is not None else MEMORY_WORDS,
             term=i,
         )
 

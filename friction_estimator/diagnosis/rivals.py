@@ -44,18 +44,21 @@ class Alike:
         return self.lost_N2 < errors * self.error_N2 or 1.0 - self.share < share
 
 
-def alike(evidence: Evidence, library: Library, part: Floats) -> dict[str, Alike]:
+def alike(evidence: Evidence, library: Library, part: Floats, least: float = 0.0) -> dict[str, Alike]:
     """Return for each effect of a library how well it does what a fitted effect does, best first.
 
     Parameters
     ----------
     evidence : about the model without the effect: its tangent is projected out. library : hypotheses with products by
-        that tangent. part : p, (n,), the effect's fitted force, N.
+        that tangent. part : p, (n,), the effect's fitted force, N. least : share of the effect's power that another
+        one must gain on the residual itself to be looked at; what cannot does nothing that the effect does.
     """
     target = evidence.with_residual(part)
     power = own_power(target)
     if power <= LEAST_SHARE * float(target.ee.sum()):
         return {}
+    near = [f for f in library.families if evidence.gains(f.stack, f.rule).max() >= least * power]
+    library = replace(library, families=tuple(near))
     found: dict[str, Alike] = {}
     crossed = evidence.by_block(target.residual, evidence.residual)
     for family, xp in zip(library.families, library.products_with(target), strict=True):

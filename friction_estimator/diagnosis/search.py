@@ -14,8 +14,9 @@ from friction_estimator.diagnosis.excitation import pressure_order
 from friction_estimator.diagnosis.floor import noise_floor
 from friction_estimator.diagnosis.joint import Joint, JointFit, Term, cross_validated_loss
 from friction_estimator.diagnosis.lagged import lagged
-from friction_estimator.diagnosis.library import build_library
+from friction_estimator.diagnosis.library import Library, build_library
 from friction_estimator.diagnosis.record import Record
+from friction_estimator.diagnosis.rivals import Alike, alike, closest
 from friction_estimator.diagnosis.screening import FLIPS, Screened, gate, screen
 from friction_estimator.effects.base import REVERSAL, SLOW, Effect
 from friction_estimator.effects.features import Context
@@ -37,7 +38,7 @@ CANDIDATES = 6
 """Effects that are compared by joint refit."""
 
 CONTENDER = 0.25
-"""Share of the best screened gain below which an effect is not refitted."""
+"""Share of the best gain below which an effect is not refitted, and is no rival."""
 
 MEASURED_SHARE = 0.25
 """Of the best gain: what a recorded variable must explain to be preferred to an unrecorded one."""
@@ -57,6 +58,9 @@ the rig, must not hide a second one."""
 MOST_CAUSES = 5
 PLAIN = 10.0
 """Times the noise power: surplus of gain that one more parameter must bring."""
+
+MOST_ALIKE = 3
+"""Effects that only the angles between columns call rivals, and that are fitted to confirm it."""
 
 SET_ERRORS = 2.0
 SET_SHARE = 0.03
@@ -170,7 +174,7 @@ class Searcher:
             if passing and len(causes) < MOST_CAUSES:
                 progress(f"comparing causes {len(causes) + 1}", 0.2 + 0.12 * len(causes))
                 left = self._left(model, losses[-1])
-                found = self._compare(model, losses[-1], passing, causes, left)
+                found = self._compare(model, losses[-1], passing, causes, left, evidence, library)
             if wider is not None and lack > max(3.0 * thresholds[0], least, found.gain if found else 0.0):
                 self.problem = BaseProblem(self.record, self.config, wider)
                 what = "a finer static curve" if wider.splines > SPLINES else "a longer memory"
@@ -227,7 +231,14 @@ class Searcher:
         return max(0.0, float(loss.sum()) - self.samples * noise_floor(self.record, model.residual_N) ** 2)
 
     def _compare(
-        self, model: Joint, loss: Floats, passing: Sequence[Screened], causes: Sequence[Cause], left: float
+        self,
+        model: Joint,
+        loss: Floats,
+        passing: Sequence[Screened],
+        causes: Sequence[Cause],
+        left: float,
+        evidence: Evidence,
+        library: Library,
     ) -> "_Compared | None":
         """Refit the best candidates jointly with base and earlier causes; return the winner and its equals."""
         fit = JointFit(self.problem, self.context)
@@ -263,6 +274,7 @@ class Searcher:
             more = joint.terms[-1].weights.size - best.joint.terms[-1].weights.size
             if np.isfinite(other.gain) and other.gain - best.gain > PLAIN * max(more, 1) * noise_N2:
                 best = other
+        self._add_alike(fits, model, loss, alike(evidence, library, best.joint.parts_N[-1], CONTENDER))
         equals = _equals(best, fits)
         measured = next((n for n in equals if fits[n].effect.recorded), None)
         if measured is not None and not best.effect.recorded:
@@ -270,6 +282,16 @@ class Searcher:
             best = fits[measured]
             equals = _equals(best, fits)
         return replace(best, rivals=tuple(equals))
+
+    def _add_alike(self, fits: dict[str, "_Compared"], model: Joint, loss: Floats, found: Mapping[str, Alike]) -> None:
+        """Fit what the angles between columns say is a rival of the winner, and was no candidate."""
+        here = model.base.coefficients
+        for name in [n for n in closest(found, SET_ERRORS, SET_SHARE) if n not in fits][:MOST_ALIKE]:
+            term = Term(self.catalogue[name], dict(found[name].params))
+            joint = JointFit(self.problem, self.context)([*model.terms, term], here)
+            one = self._judged(name, joint, loss, here)
+            if signs_kept(joint) and self._inside(joint.terms[-1]) and np.isfinite(one.gain):
+                fits[name] = one
 
     def _judged(self, name: str, joint: Joint, loss: Floats, before: Coefficients) -> "_Compared":
         after = cross_validated_loss(joint, self.record, self.seed)

@@ -113,4 +113,4 @@ def normal_equations(
             gram += inner(rows, rows)
             right += inner(rows, error[part][here])
     norm = np.maximum(np.sqrt(np.diag(gram) / max(int(used.sum()), 1)), 1e-300)
-    return norm, gram / np.outer(norm, norm), right / norm
+    return norm, gram / norm / norm[:, None], right / norm  # the product of two least norms would be zero

@@ -99,7 +99,7 @@ def drives(record: Record, context: Context) -> tuple[Drive, ...]:
         Drive("a second stroke, half as long", ("stroke",), ((now, 1.0), (now, SHORTER))),
         Drive(
             "pauses of changing length at both ends of the stroke",
-            ("hold", "dwell", "rest ", "standstill"),
+            ("hold", "dwell", "rest "),
             changed("dwell"),
         ),
         Drive("speed steps without reversal", ("speed steps", "sharp step"), changed("speed_steps")),
@@ -128,13 +128,15 @@ class Trials:
         ----------
         term : the named effect, fitted. rival : the other one. params : its best point on the record.
         """
-        if SLOW in (term.effect.acts, rival.acts) or not rival.grid(self._context):
+        if SLOW in (term.effect.acts, rival.acts):
             return []
         out = []
         for made in self._made:
             part = columns_of(term.effect, term.params, made.features, made.reference) @ term.weights
             points = [*rival.grid(made.context), *rival.peaks(part, made.features, made.context)]
             points += [params] if params is not None else []
+            if not points:
+                continue
             library = built({rival: points}, made.features, made.reference, made.evidence)
             found = alike(made.evidence, library, part)
             if found:
