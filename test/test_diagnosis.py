@@ -145,10 +145,6 @@ def test_a_pressure_that_changes_once_is_preferred_and_warned_of() -> None:
     assert any("randomise the order" in text for text in result.excitation.warnings)
 
 
-OPEN = pytest.mark.xfail(reason="rivals are those of the fitted loss alone, which trusts the form of each column")
-
-
-@OPEN
 @pytest.mark.parametrize(
     ("hidden", "rival"), [("pressure_dependence", "gain_step"), ("sensor_drift", "pressure_dependence")]
 )
@@ -320,7 +316,6 @@ def test_measured_seals_say_what_they_cannot_show(seal: Diagnosis) -> None:
     assert {"direction_asymmetry", "sensor_bias"} & set(names(seal))  # their author saw it too
 
 
-@OPEN
 def test_measured_seals_show_pressure_and_what_changed_with_it(seal: Diagnosis) -> None:
     named = {e.name: e for e in seal.effects}
     pressure = named["pressure_dependence"]

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from friction_estimator.core.sample import Samples
+from friction_estimator.core.sample import Floats, Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import ALARM, SPLINES, BaseProblem, Capacity
 from friction_estimator.diagnosis.excitation import Excitation, assess
@@ -76,11 +76,11 @@ def diagnose(
     coarse = max((f.conceals_N2 for f in found_faults), default=0.0)
     known = {f.name for f in found_faults}
     found = Searcher(record, config, context, catalogue, seed, coarse, known)(progress)
+    progress("measuring gains on held-out data", 0.75)
+    spread = float(np.std(record.friction_N[record.used]))
+    found, errors = _gaining(found, [held_out_errors(found.problem, context, m) for m in found.models], record, spread)
     final = found.models[-1]
     found_faults = confirmed(found_faults, record, context, final, catalogue)
-    progress("measuring gains on held-out data", 0.75)
-    errors = [held_out_errors(found.problem, context, model) for model in found.models]
-    spread = float(np.std(record.friction_N[record.used]))
     trials = Trials(final, record, config, context, seed)
     effects = _named(record, context, found, errors, spread, seed, trials, catalogue)
     progress("noise floor and remainder", 0.85)
@@ -141,6 +141,19 @@ def _undecidable(raw: Record, config: Config, context: Context, excitation: Exci
         context=context,
         models=(base,),
     )
+
+
+def _gaining(found: Search, errors: list[Floats], record: Record, spread: float) -> tuple[Search, list[Floats]]:
+    """Return the search without the last causes that do not gain where everything is refitted on other samples.
+
+    The search judges by a fit that is linear about its optimum; the gains that are told come from whole refits.
+    """
+    while found.causes and found.causes[-1].p_value is not None:
+        if gain_between(errors[-2], errors[-1], record, spread).low_percent > 0.0:
+            break
+        found = replace(found, causes=found.causes[:-1], models=found.models[:-1])
+        errors = errors[:-1]
+    return found, errors
 
 
 def _named(

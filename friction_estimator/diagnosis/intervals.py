@@ -46,10 +46,13 @@ def parameter_covariance(joint: Joint, record: Record, seed: int) -> Floats:
     return np.asarray(sandwich * np.outer(lift, lift) * np.outer(joint.scales, joint.scales))
 
 
-def estimates(joint: Joint, record: Record, context: Context, seed: int) -> list[dict[str, Estimate]]:
+def estimates(
+    joint: Joint, record: Record, context: Context, seed: int, systematic: bool = True
+) -> list[dict[str, Estimate]]:
     """Return the physical parameters of each term with intervals.
 
-    Sampling error by the delta method with Student t over blocks, and the effect's systematic share beside it.
+    Sampling error by the delta method with Student t over blocks, and the effect's systematic share beside it unless
+    `systematic` is False.
     """
     covariance = parameter_covariance(joint, record, seed)
     quantile = float(student.ppf(0.975, max(record.blocks - 1, 1)))
@@ -79,9 +82,13 @@ def estimates(joint: Joint, record: Record, context: Context, seed: int) -> list
                 moved[i] += step
                 slope[i] = (values(moved)[name][0] - value) / step
             reach = quantile * float(np.sqrt(max(float(slope @ part @ slope), 0.0)))
-            reach = float(np.hypot(reach, term.effect.systematic.get(name, 0.0) * abs(value)))
-            if term.effect.delays:
+            if systematic:
+                reach = float(np.hypot(reach, term.effect.systematic.get(name, 0.0) * abs(value)))
+            if systematic and term.effect.delays:
                 reach = float(np.hypot(reach, MEMORY_SHARE * context.step_s))
-            found[name] = Estimate(float(value), unit, float(value - reach), float(value + reach))
+            low = float(value - reach)
+            if systematic and name in term.effect.refined and value > 0.0:
+                low = max(low, 0.0)  # a length or a time is not negative
+            found[name] = Estimate(float(value), unit, low, float(value + reach))
         out.append(found)
     return out

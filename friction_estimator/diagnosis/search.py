@@ -12,6 +12,7 @@ from friction_estimator.diagnosis.base_problem import SPLINES, BaseProblem, Capa
 from friction_estimator.diagnosis.evidence import Evidence, Rule
 from friction_estimator.diagnosis.excitation import pressure_order
 from friction_estimator.diagnosis.floor import noise_floor
+from friction_estimator.diagnosis.intervals import estimates
 from friction_estimator.diagnosis.joint import Joint, JointFit, Term, cross_validated_loss
 from friction_estimator.diagnosis.lagged import lagged
 from friction_estimator.diagnosis.library import Library, build_library
@@ -191,7 +192,7 @@ class Searcher:
                 break
             if not self._enough(effect, found.gain, causes, left):
                 break
-            if by_data and not self._stands(model, found.joint):
+            if by_data and not (self._stands(model, found.joint) and self._known_sign(found.joint)):
                 refused.append(found.name)
                 continue
             if effect.channel and effect.channel not in self.context.channels:
@@ -281,7 +282,7 @@ class Searcher:
             # Of equals the one whose cause was recorded is named: it needs no cause that nobody saw.
             best = fits[measured]
             equals = _equals(best, fits)
-        return replace(best, rivals=tuple(equals))
+        return replace(best, rivals=tuple(dict.fromkeys([*equals, *self._by_design(best.effect)])))
 
     def _add_alike(self, fits: dict[str, "_Compared"], model: Joint, loss: Floats, found: Mapping[str, Alike]) -> None:
         """Fit what the angles between columns say is a rival of the winner, and was no candidate."""
@@ -301,6 +302,17 @@ class Searcher:
             name, joint.terms[-1].effect, joint, after, float((loss - after).sum()) + saved, now.variance, ()
         )
 
+    def _by_design(self, effect: type[Effect]) -> list[str]:
+        """Return what a recorded cause that only changed in one order cannot be told from: whatever goes with time."""
+        if not self.ordered:
+            return []
+        if effect.recorded:
+            return [name for name, cls in self.catalogue.items() if cls.acts == SLOW]
+        if effect.acts == SLOW:
+            recorded = [name for name, cls in self.catalogue.items() if cls.recorded]
+            return [name for name in recorded if self.catalogue[name].channel in self.context.channels]
+        return []
+
     def _inside(self, term: Term) -> bool:
         """Return whether the record spans what was fitted."""
         return term.effect.spans(term.params, term.weights, self.context) is None
@@ -318,6 +330,15 @@ class Searcher:
         gains = np.bincount(self.record.block, weights=decrease)
         error = float(np.std(gains, ddof=1)) * np.sqrt(gains.size)
         return bool(gains.sum() > student.ppf(0.975, gains.size - 1) * error)
+
+    def _known_sign(self, joint: Joint) -> bool:
+        """Return whether what physics gives one sign, and every length and time, differs from zero by its interval."""
+        term = joint.terms[-1]
+        fitted = estimates(joint, self.record, self.context, self.seed, systematic=False)[-1]
+        one_sign = {name for name in fitted if name in term.effect.refined and name not in term.effect.steps}
+        if len(term.effect.signs) == term.weights.size and all(term.effect.signs):
+            one_sign |= set(fitted)
+        return all(fitted[name].low > 0.0 or fitted[name].high < 0.0 for name in one_sign)
 
     def _capacity_gains(self, model: Joint, evidence: Evidence) -> dict[Capacity, float]:
         """Return the held-out gain of a finer static curve and of a longer memory."""
