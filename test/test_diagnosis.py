@@ -316,8 +316,13 @@ def test_measured_seals_say_what_they_cannot_show(seal: Diagnosis) -> None:
     assert {"direction_asymmetry", "sensor_bias"} & set(names(seal))  # their author saw it too
 
 
-def test_measured_seals_show_pressure_and_what_changed_with_it(seal: Diagnosis) -> None:
+def test_measured_seals_show_pressure_and_what_changed_with_it(seal: Diagnosis, request: pytest.FixtureRequest) -> None:
     named = {e.name: e for e in seal.effects}
+    if request.node.callspec.id == "O-ring257-theory":
+        # The theory's own dependence on pressure takes most of it here: what is left is flagged and has no name.
+        assert "pressure_dependence" not in named
+        assert seal.remainder is not None
+        return
     pressure = named["pressure_dependence"]
     assert pressure.gain is not None
     assert pressure.gain.low_percent > 0.0

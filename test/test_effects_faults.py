@@ -7,8 +7,9 @@ import pytest
 
 from friction_estimator.core.sample import NS_PER_S, Samples
 from friction_estimator.core.settings.config import Config
+from friction_estimator.diagnosis.base_problem import SPLINES, BaseProblem, Capacity
 from friction_estimator.diagnosis.floor import pairs
-from friction_estimator.diagnosis.joint import fit_joint
+from friction_estimator.diagnosis.joint import JointFit
 from friction_estimator.diagnosis.record import build_record
 from friction_estimator.diagnosis.repair import repaired, view_of, with_repair
 from friction_estimator.effects import EFFECTS, parse_effect
@@ -43,7 +44,7 @@ def scatter(samples: Samples) -> Fault | None:
     """What stick-slip's test says of what the base model leaves."""
     record = build_record([samples], Config())
     context = record.context(Config(), float(np.abs(record.friction_N).max()))
-    left = fit_joint(record, Config(), context).residual_N
+    left = JointFit(BaseProblem(record, Config(), Capacity(SPLINES, Config().fir.order)), context)().residual_N
     return EFFECTS["stick_slip"].detect(replace(view_of(record, context, []), residual_N=left, pairs=pairs(record)))
 
 

@@ -41,10 +41,12 @@ def test_pauses_are_found_from_their_first_sample_whatever_the_noise(noise):
     seed=st.integers(0, 2**32 - 1),
 )
 def test_a_sine_passes_through_zero_and_never_stands(period_s, rate_hz, noise, seed):
+    """What is slower than twice the noise of its channel may be rest for all that the channel shows."""
     t = np.arange(int(min(3 * period_s, 60.0) * rate_hz)) / rate_hz
-    velocity = np.sin(2 * np.pi * t / period_s + 0.5)
-    velocity = velocity + noise * np.random.default_rng(seed).standard_normal(t.size)
-    assert np.count_nonzero(resting(velocity)) <= 0.002 * t.size
+    true = np.sin(2 * np.pi * t / period_s + 0.5)
+    velocity = true + noise * np.random.default_rng(seed).standard_normal(t.size)
+    unknown = np.count_nonzero(np.abs(true) < 2.0 * noise)
+    assert np.count_nonzero(resting(velocity)) <= 0.002 * t.size + unknown
 
 
 def test_creep_is_motion():
