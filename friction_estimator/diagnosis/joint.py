@@ -339,8 +339,11 @@ class JointFit:
             return np.zeros(features.size)
         params = term.params | {name: term.params[name] + step}
         if term.effect.delays:
-            other = self._problem.with_whole(term.effect, params)
-            return (BaseFit.of(other, fit.coefficients).fitted_N - fit.fitted_N) / step
+            # The force alone: no products of any block are needed for it.
+            no_block = np.zeros(self._problem.products.edges.size - 1, np.bool_)
+            other, found = self._problem.with_whole(term.effect, params, no_block), fit.coefficients
+            moved = other.products.combine(other.spread(found.weights, found.taps, found.own))
+            return (moved - fit.fitted_N) / step
         moved = columns_of(term.effect, params, features, reference)
         return np.asarray((moved - column) @ term.weights / step)
 

@@ -252,11 +252,7 @@ class Searcher:
         here = model.base.coefficients
         fits: dict[str, _Compared] = {}
         for item in top:
-            effect = item.hypothesis.effect
-            joint = fit([*model.terms, Term(effect, dict(item.params))], here)
-            if signs_kept(joint) and self._inside(joint.terms[-1]):
-                fits[item.name] = self._judged(item.name, joint, loss, here)
-        fits = {n: c for n, c in fits.items() if np.isfinite(c.gain)}
+            self._add_candidate(fits, item.name, dict(item.params), model, loss)
         if not fits or max(c.gain for c in fits.values()) <= 0.0:
             return None
         winner = max(fits, key=lambda n: fits[n].gain)
@@ -286,12 +282,18 @@ class Searcher:
 
     def _add_alike(self, fits: dict[str, "_Compared"], model: Joint, loss: Floats, found: Mapping[str, Alike]) -> None:
         """Fit what the angles between columns say is a rival of the winner, and was no candidate."""
-        here = model.base.coefficients
         for name in [n for n in closest(found, SET_ERRORS, SET_SHARE) if n not in fits][:MOST_ALIKE]:
-            term = Term(self.catalogue[name], dict(found[name].params))
-            joint = JointFit(self.problem, self.context)([*model.terms, term], here)
+            self._add_candidate(fits, name, dict(found[name].params), model, loss)
+
+    def _add_candidate(
+        self, fits: dict[str, "_Compared"], name: str, params: dict[str, float], model: Joint, loss: Floats
+    ) -> None:
+        """Fit an effect beside the model and add it, unless its signs or values cannot be."""
+        here = model.base.coefficients
+        joint = JointFit(self.problem, self.context)([*model.terms, Term(self.catalogue[name], params)], here)
+        if signs_kept(joint) and self._inside(joint.terms[-1]):
             one = self._judged(name, joint, loss, here)
-            if signs_kept(joint) and self._inside(joint.terms[-1]) and np.isfinite(one.gain):
+            if np.isfinite(one.gain):
                 fits[name] = one
 
     def _judged(self, name: str, joint: Joint, loss: Floats, before: Coefficients) -> "_Compared":

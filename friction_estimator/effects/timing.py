@@ -241,9 +241,9 @@ class VelocityDelay(Effect):
     def columns(cls, params: Params) -> Columns:
         """Return F(v + D a) - F(v): what F(t + D) - F(t) is without looking ahead.
 
-        The velocity is carried on with its acceleration, in the fit as in the live model, so that both give the same
-        numbers; the error is (D w)^2 / 2 of the velocity at the angular frequency w. Noise of the velocity enters with
-        3.6 D / dt of its deviation: a noisy channel is smoothed before.
+        The velocity is carried on with its acceleration, as a live model must; the fit looks ahead (`whole`). The
+        error is (D w)^2 / 2 of the velocity at the angular frequency w. Noise of the velocity enters with 3.6 D / dt of
+        its deviation: a noisy channel is smoothed before.
         """
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001

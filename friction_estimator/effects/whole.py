@@ -52,18 +52,17 @@ class StaticTables:
         velocity, pressure = np.empty(features.size), np.empty(features.size)
         _shifted(features.step_s, features.velocity_m_s, delay_s, velocity)
         _shifted(features.step_s, features.pressure_Pa, delay_s, pressure)
-        out = np.empty((features.size, self.values.shape[2]))
-        args = (self.values, self.pressures_Pa, self.bend_m_s, self.reach)
-        _columns(velocity, pressure, *args, out)
-        return out
+        return self._at(velocity, pressure)
 
     def advanced(self, features: Features, delay_s: float) -> Floats:
         """Return the columns at the velocity of `delay_s` later, and the pressure of now, (n, m)."""
         velocity = np.empty(features.size)
         _shifted(features.step_s, features.velocity_m_s, -delay_s, velocity)
-        out = np.empty((features.size, self.values.shape[2]))
-        args = (self.values, self.pressures_Pa, self.bend_m_s, self.reach)
-        _columns(velocity, features.pressure_Pa, *args, out)
+        return self._at(velocity, features.pressure_Pa)
+
+    def _at(self, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
+        out = np.empty((velocity_m_s.size, self.values.shape[2]))
+        _columns(velocity_m_s, pressure_Pa, self.values, self.pressures_Pa, self.bend_m_s, self.reach, out)
         return out
 
     def lagged(self, features: Features, time_constant_s: float) -> Floats:
