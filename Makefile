@@ -1,4 +1,4 @@
-# The two commands of the README are `make demo` and `make test`; `make check` is lint and types.
+# The two commands of the README are `make demo` and `make test`; `make check` is lint and types, `make hard` the long attacks.
 # PYTHON: any CPython 3.11 to 3.13 that has venv; the first one that fits is taken.
 PYTHON ?= $(shell for p in python3 python3.12 python3.13 python3.11; do \
 	$$p -c 'import sys, venv; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null && { echo $$p; break; }; done)
@@ -8,13 +8,17 @@ PYTEST_ARGS ?=
 # Workers of the suite: two at the most, since the ROS tests start processes of their own.
 WORKERS ?= $(shell n=$$(nproc 2>/dev/null || echo 1); echo $$((n < 2 ? n : 2)))
 
-.PHONY: demo test check format stale picture lock clean
+.PHONY: demo test hard check format stale picture lock clean
 
 demo: $(VENV)/.installed
 	$(BIN)/python -m friction_estimator.cli.demo --out demo_out
 
 test: $(VENV)/.installed
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup $(PYTEST_ARGS)
+
+# The long attacks of docs/reliability.md: minutes to hours. One of them: make hard PYTEST_ARGS=test/hard/hard_kills.py
+hard: $(VENV)/.installed
+	$(BIN)/python -m pytest -o python_files='hard_*.py' $(or $(PYTEST_ARGS),test/hard)
 
 check: $(VENV)/.installed
 	$(BIN)/ruff check .
