@@ -1,0 +1,66 @@
+"""Text from outside (topics, frames, joints, columns, file names, values, messages of libraries) made safe to show."""
+
+LONGEST = 2000
+"""Characters that one line for a terminal, a log or diagnostics holds at most."""
+
+LONGEST_NAME = 200
+"""Characters of one name or value within such a line."""
+
+
+def shown(text: object, limit: int = LONGEST) -> str:
+    r"""Return text as one line of printable characters, for a terminal, a log or a diagnostics message.
+
+    What is not printable (`str.isprintable`: control characters, so line ends and terminal escapes, marks that change
+    the direction of writing, lone surrogates, spaces other than the plain one) is written as an escape; a byte of a
+    file name that is no UTF-8 as that byte. Text that is too long loses its middle, since a sentence begins with what
+    is wrong and ends with what to do.
+
+    The result passes unchanged through the function, so whoever shows text may apply it without asking who did before.
+
+    Parameters
+    ----------
+    text : anything with a `str`.
+    limit : longest result, characters; at least 40.
+
+    Examples
+    --------
+    >>> print(shown("shaft\n[FATAL] \x1b[31mforged"))
+    shaft\n[FATAL] \x1b[31mforged
+    >>> print(shown("r\udce4der.mcap"), len(shown("a" * 1_000_000)))
+    r\xe4der.mcap 2000
+    """
+    whole = str(text)
+    if len(whole) <= limit:
+        line = _line(whole)
+        if len(line) <= limit:
+            return line
+    left_out = f" [... of {len(whole)} characters] "
+    head = (limit - len(left_out)) * 2 // 3
+    tail = limit - len(left_out) - head
+    return _fitting(whole[:head], head) + left_out + _fitting(whole[-tail:], tail, from_end=True)
+
+
+def _line(text: str) -> str:
+    return text if text.isprintable() else "".join(map(_escape, text))
+
+
+def _escape(character: str) -> str:
+    if character.isprintable():
+        return character
+    if "\udc80" <= character <= "\udcff":  # os.fsdecode's way to keep a byte
+        return f"\\x{ord(character) - 0xDC00:02x}"
+    return character.encode("unicode_escape").decode("ascii")
+
+
+def _fitting(text: str, room: int, *, from_end: bool = False) -> str:
+    """Return as much of an end of the text as fits escaped, no escape cut in two."""
+    pieces = [_escape(character) for character in text]
+    if from_end:
+        pieces.reverse()
+    taken: list[str] = []
+    for piece in pieces:
+        room -= len(piece)
+        if room < 0:
+            break
+        taken.append(piece)
+    return "".join(reversed(taken) if from_end else taken)
