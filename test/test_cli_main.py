@@ -3,10 +3,13 @@
 import io
 import json
 import os
+import shlex
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,9 +17,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from friction_estimator import __version__
-from friction_estimator.cli import common, main
+from friction_estimator.cli import common, main, terminal
 from friction_estimator.cli.main import VERBS
-from friction_estimator.core.errors import ConfigError, InputError, UnanswerableError
+from friction_estimator.core.errors import ConfigError, InputError, UnanswerableError, about
+from friction_estimator.core.settings.config import Config
+
+BAG = Path(__file__).parents[1] / "bags" / "demo"
 
 # Dispatch
 
@@ -78,7 +84,12 @@ def test_version_and_module_entry():
 @pytest.mark.parametrize(
     ("error", "code", "line"),
     [
-        (InputError("a.mcap is damaged:\n  badly"), 2, "verb: a.mcap is damaged: badly"),
+        (InputError("a.mcap is damaged:\n  badly"), 2, r"verb: a.mcap is damaged:\n  badly"),
+        (
+            InputError("no such column", where="a\x1b[2J.csv", remedy="see it"),
+            2,
+            r"verb: a\x1b[2J.csv: no such column; see it",
+        ),
         (ConfigError("unknown parameter x"), 2, "verb: unknown parameter x"),
         (UnanswerableError("no such topic"), 1, "verb: no such topic"),
         (KeyboardInterrupt(), 130, "verb: interrupted"),
@@ -95,18 +106,94 @@ def test_an_expected_failure_is_one_line_and_its_exit_code(error, code, line, ca
     def body():
         raise error
 
-    assert common.guarded("verb", body) == code
+    assert terminal.guarded("verb", body) == code
     assert capsys.readouterr().err == f"{line}\n"
 
 
-def test_an_unexpected_failure_is_not_hidden():
-    with pytest.raises(ZeroDivisionError):
-        common.guarded("verb", lambda: 1 // 0)
+@pytest.mark.parametrize(
+    ("provoke", "words"),
+    [
+        (lambda: 1 // 0, "ZeroDivisionError: integer division or modulo by zero"),
+        (lambda: int("\x1b[2J"), r"ValueError: invalid literal for int() with base 10: '\x1b[2J'"),
+    ],
+)
+def test_a_fault_of_the_program_is_one_line_and_exit_code_70(provoke, words, capsys):
+    assert terminal.guarded("verb", provoke) == 70
+    error = capsys.readouterr().err
+    assert error.startswith("verb: a fault of the program")
+    assert words in error
+    assert error.count("\n") == 1
+    assert error.endswith("--debug shows the trace, please report it\n")
+
+
+def test_a_fault_names_its_place_and_debug_shows_the_trace(capsys):
+    def body():
+        Config().updated(None)
+
+    assert terminal.guarded("verb", body) == 70
+    assert "(core/settings/config.py line " in capsys.readouterr().err
+    assert terminal.guarded("verb", body, ["verb", "--debug"]) == 70
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0].startswith("Traceback")
+    assert lines[-1].startswith("verb: a fault of the program (core/settings/config.py line ")
+    assert not lines[-1].endswith("report it")
+
+
+def test_debug_shows_the_trace_of_an_expected_failure_too(tmp_path, capsys):
+    assert main.main(["info", str(tmp_path / "none.mcap"), "--debug"]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0].startswith("Traceback")
+    assert "none.mcap" in lines[-1]
+
+
+def nested(depth):
+    return nested(depth + 1)
+
+
+@pytest.mark.parametrize(
+    ("provoke", "code", "line"),
+    [
+        (lambda: nested(0), 70, "verb: a fault of the program"),
+        (lambda: len(bytearray(1 << 62)), 2, "verb: not enough memory: give a shorter recording"),
+    ],
+)
+def test_too_deep_and_too_large_are_one_line(provoke, code, line, capsys):
+    assert terminal.guarded("verb", provoke) == code
+    error = capsys.readouterr().err
+    assert error.startswith(line)
+    assert error.count("\n") == 1
+
+
+def test_what_was_worked_on_is_named(capsys):
+    for failure, code in ((UnanswerableError("no usable sample"), 1), (MemoryError(), 2), (ZeroDivisionError(), 70)):
+
+        def body(failure=failure):
+            with about("monday"), about("a.mcap"):
+                raise failure
+
+        assert terminal.guarded("verb", body) == code
+        assert capsys.readouterr().err.startswith("verb: a.mcap: ")
+
+
+def test_warnings_and_logs_of_libraries_are_shown_with_debug_only():
+    code = (
+        "import sys, warnings, logging\n"
+        "from friction_estimator.cli.terminal import guarded\n"
+        "def body():\n"
+        "    warnings.warn('overflow'); logging.getLogger('library').warning('font')\n"
+        "    return 0\n"
+        "sys.exit(guarded('verb', body, sys.argv))"
+    )
+    quiet = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert quiet.stderr == ""
+    loud = subprocess.run([sys.executable, "-c", code, "--debug"], capture_output=True, text=True, check=True)
+    assert "overflow" in loud.stderr
+    assert "font" in loud.stderr
 
 
 def test_a_reader_that_goes_away_is_no_failure():
     code = (
-        "import sys; from friction_estimator.cli.common import guarded\n"
+        "import sys; from friction_estimator.cli.terminal import guarded\n"
         "def body():\n"
         "    for _ in range(100000): print('x' * 100)\n"
         "    return 0\n"
@@ -122,10 +209,84 @@ def test_a_reader_that_goes_away_is_no_failure():
     process.stderr.close()
 
 
+def run(*words, shell="", **environment):
+    """Run the command line in a process of its own; `shell` is what comes after the command."""
+    command = shlex.join([sys.executable, "-m", "friction_estimator", *map(str, words)])
+    script = f"set -o pipefail; {command} {shell}"
+    return subprocess.run(
+        ["bash", "-c", script],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env={**os.environ, **environment},
+    )
+
+
+@pytest.mark.parametrize("buffered", [True, False])
+@pytest.mark.parametrize(
+    ("shell", "codes", "said"),
+    [
+        ("| head -c1", (0, 141), ""),  # 0 where all was written before the reader left
+        (">&-", (0,), ""),
+        ("2>&-", (0,), ""),
+        (">&- 2>&- <&-", (0,), ""),
+        (">/dev/full", (2,), "friction_estimator info: cannot use stdout: No space left on device\n"),
+    ],
+)
+def test_a_closed_or_full_stdout_gives_no_trace(shell, codes, said, buffered):
+    done = run("info", BAG, shell=shell, PYTHONUNBUFFERED="" if buffered else "1")
+    assert done.returncode in codes, done
+    assert done.stderr == said
+
+
+def test_a_failure_is_told_by_its_code_where_stderr_is_closed():
+    done = run("info", "/nowhere/a.mcap", shell="2>&-")
+    assert (done.returncode, done.stdout) == (2, "")
+
+
+def test_json_needs_an_open_stdout(tmp_path):
+    done = run("info", BAG, "--json", "-", shell=">&-")
+    assert done.returncode == 2
+    assert done.stderr == "friction_estimator info: --json -: stdout is closed, the result cannot be printed\n"
+
+
+def test_a_closed_stream_lends_no_number_to_a_file(tmp_path):
+    """What a library writes to descriptor 1 or 2 must not get into the user's data."""
+    code = (
+        "import os, sys\n"
+        "from friction_estimator.cli.terminal import guarded\n"
+        "def body():\n"
+        f"    with open({str(tmp_path / 'data')!r}, 'wb') as data:\n"
+        "        os.write(1, b'chatter'); os.write(2, b'chatter'); data.write(b'kept')\n"
+        "    return 0\n"
+        "sys.exit(guarded('verb', body))"
+    )
+    subprocess.run(["bash", "-c", f"{shlex.join([sys.executable, '-c', code])} <&- >&- 2>&-"], check=True, timeout=60)
+    assert (tmp_path / "data").read_bytes() == b"kept"
+
+
+def test_a_usage_error_shows_no_escape():
+    done = run("info", "--\x1b[2J", "bag", "\n[FATAL] forged")
+    assert done.returncode == 2
+    said = r"friction_estimator: unrecognized arguments: --\x1b[2J \n[FATAL] forged (see friction_estimator --help)"
+    assert done.stderr == said + "\n"
+
+
+def test_a_locale_that_holds_no_umlaut_is_no_failure(tmp_path):
+    """On stderr and on stdout: the recording's name is the first line of `info`."""
+    bag = shutil.copytree(BAG, tmp_path / "prüfstand")
+    for words, code in (([tmp_path / "prüfer.mcap"], 2), ([bag], 0), ([bag, "--json", "-"], 0)):
+        done = run("info", *words, PYTHONIOENCODING="ascii")
+        assert done.returncode == code, done
+        assert r"pr\xfcf" in done.stdout + done.stderr
+        assert "Traceback" not in done.stderr
+
+
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
 def test_a_stopped_run_leaves_nothing_half_written(tmp_path, number, code):
     script = (
-        "import sys, time; from friction_estimator.cli.common import guarded\n"
+        "import sys, time; from friction_estimator.cli.terminal import guarded\n"
         "from friction_estimator.files import atomic_path\n"
         "def body():\n"
         f"    with atomic_path({str(tmp_path / 'out.json')!r}) as part:\n"
@@ -220,7 +381,7 @@ def test_a_bar_is_drawn_on_a_terminal_only(monkeypatch, terminal):
 
 
 def parsed(*words):
-    parser = common.Parser(prog="x")
+    parser = terminal.Parser(prog="x")
     common.add_bag_options(parser)
     return parser.parse_args(words)
 

@@ -1,50 +1,35 @@
-"""What the verbs share: options, messages, JSON, the progress bar, and how a failure ends the program."""
+"""What the verbs share: options, JSON, the progress bar."""
 
 import argparse
 import json
 import math
 import os
-import signal
 import sys
-import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
-from typing import Any, NoReturn, Protocol
+from typing import Protocol, TypeAlias
 
-from friction_estimator.core.errors import FrictionEstimatorError, InputError
+from friction_estimator.cli.terminal import EXIT_CODES, Parser, say, say_json, warn
+from friction_estimator.core.errors import InputError
 from friction_estimator.core.settings.config import Config, retired
+from friction_estimator.core.text import shown
 from friction_estimator.files import read_config, read_parameters, write_text
-
-PROGRAM = "friction_estimator"
-
-EXIT_CODES = """exit codes: 0 done; 1 ran, but the data cannot answer (a readable recording without the topics
-or without a usable sample, an undecidable diagnosis); 2 usage or unreadable input; 130 interrupted"""
 
 INPUTS = ("velocity", "friction", "pressure", "temperature", "position", "joint_states")
 """What `--topic` can name."""
 
+LONGEST_LABEL = 60
+"""Characters before a progress bar."""
+
 _RECORDING_SUFFIXES = {".mcap", ".db3", ".bag", ".zstd", ".csv", ".yaml"}
 
 
-class Parser(argparse.ArgumentParser):
-    """An argument parser that reports a usage error in one line and keeps examples as they are written."""
-
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        kwargs.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
-        kwargs.setdefault("allow_abbrev", False)
-        super().__init__(*args, **kwargs)
-
-    def error(self, message: str) -> NoReturn:
-        """Print one line on stderr and exit with code 2."""
-        self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
+Subparsers: TypeAlias = "argparse._SubParsersAction[Parser]"  # the only name that argparse gives to this type
 
 
-Subparsers = argparse._SubParsersAction  # the only name that argparse gives to this type
-
-
-def add_verb(subparsers: "Subparsers[Parser]", name: str, summary: str, *, description: str, example: str) -> Parser:
+def add_verb(subparsers: Subparsers, name: str, summary: str, *, description: str, example: str) -> Parser:
     """Add the parser of one verb; its help ends with an example and the exit codes."""
     return subparsers.add_parser(
         name, help=summary, description=description, epilog=f"example:\n  {example}\n\n{EXIT_CODES}"
@@ -120,32 +105,32 @@ class Output:
     """
 
     def __init__(self, json_target: str | None = None) -> None:
+        if json_target == "-" and sys.stdout is None:
+            raise InputError("--json -: stdout is closed, the result cannot be printed")
         self._json_target = json_target
 
     def say(self, text: str = "") -> None:
         """Print a line for the reader: on stdout, or on stderr where stdout carries JSON."""
-        print(text, file=sys.stderr if self._json_target == "-" else sys.stdout)
+        say(text, aside=self._json_target == "-")
 
     def result(self, value: object) -> None:
         """Print or write the JSON result, where `--json` asks for one."""
         if self._json_target == "-":
-            print(to_json(value))
+            say_json(to_json(value))
         elif self._json_target is not None:
             write_text(self._json_target, to_json(value) + "\n")
-
-
-def warn(text: str) -> None:
-    """Print a warning on stderr."""
-    print(f"{PROGRAM}: warning: {text}", file=sys.stderr)
 
 
 def to_json(value: object) -> str:
     """Return strict JSON: what is not finite becomes null, arrays become lists, dataclasses objects.
 
+    It is ASCII: whatever a name holds, it passes any terminal, locale and file. A byte of a file name that is no UTF-8
+    stays what Python makes of it, a lone surrogate (`os.fsencode` turns it back).
+
     >>> to_json({"nrmse": float("nan"), "taps": (1, 2.5)}).replace(chr(10), "")
     '{  "nrmse": null,  "taps": [    1,    2.5  ]}'
     """
-    return json.dumps(_plain(value), indent=2, ensure_ascii=False, allow_nan=False)
+    return json.dumps(_plain(value), indent=2, allow_nan=False)
 
 
 def _plain(value: object) -> object:
@@ -180,7 +165,13 @@ def progress(label: str, total: int | None = None, unit: str = "samples") -> Ite
 
     silent = not sys.stderr.isatty()
     with tqdm(
-        total=total, desc=label, unit=f" {unit}", unit_scale=True, leave=False, file=sys.stderr, disable=silent
+        total=total,
+        desc=shown(label, LONGEST_LABEL),
+        unit=f" {unit}",
+        unit_scale=True,
+        leave=False,
+        file=sys.stderr,
+        disable=silent,
     ) as bar:
 
         def advance(done: int, total: int | None = None) -> None:
@@ -189,55 +180,3 @@ def progress(label: str, total: int | None = None, unit: str = "samples") -> Ite
             bar.update(done)
 
         yield advance
-
-
-def guarded(name: str, body: Callable[[], int]) -> int:
-    """Run a verb; turn its failure into one line on stderr and an exit code.
-
-    Expected failures (FrictionEstimatorError, the system's about a file, a module not installed) print one line. An
-    interrupt returns 130, SIGTERM 143 after the temporary files are gone, a reader that went away 141.
-    """
-    try:
-        with _orderly_termination():
-            code = body()
-            sys.stdout.flush()
-            return code
-    except FrictionEstimatorError as error:
-        print(f"{name}: {' '.join(str(error).split())}", file=sys.stderr)
-        return error.exit_code
-    except ModuleNotFoundError as error:
-        missing = str(error.name).partition(".")[0]
-        if missing == PROGRAM:
-            raise
-        print(f"{name}: needs the Python module {missing}, which is not installed: see README.md", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print(f"{name}: interrupted", file=sys.stderr)
-        return 130
-    except BrokenPipeError:
-        # The interpreter flushes stdout once more at exit: give it somewhere to go.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 141
-    except OSError as error:
-        if error.strerror is None:
-            raise
-        where = f" {error.filename}" if error.filename else ""
-        print(f"{name}: cannot use{where or ' a file'}: {error.strerror}", file=sys.stderr)
-        return 2
-
-
-@contextmanager
-def _orderly_termination() -> Iterator[None]:
-    """Let SIGTERM unwind the stack, so that nothing temporary stays behind."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def leave(number: int, _frame: object) -> None:
-        raise SystemExit(128 + number)
-
-    before = signal.signal(signal.SIGTERM, leave)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

@@ -17,10 +17,10 @@ import numpy as np
 
 from friction_estimator.bag.read import read_recording
 from friction_estimator.bag.samples import to_samples
-from friction_estimator.cli import common
 from friction_estimator.cli.recorded import Loaded
 from friction_estimator.cli.replay import SCHEMA, summarise
 from friction_estimator.cli.results import write_results
+from friction_estimator.cli.terminal import Parser, guarded, say
 from friction_estimator.core.errors import FrictionEstimatorError
 from friction_estimator.core.metrics import nrmse
 from friction_estimator.core.online.replay import replay
@@ -54,12 +54,12 @@ class DemonstrationError(FrictionEstimatorError):
 
 def main() -> int:
     """Run the demonstration; return the exit code."""
-    parser = common.Parser(prog="friction_estimator.cli.demo", description=__doc__)
+    parser = Parser(prog="friction_estimator.cli.demo", description=__doc__)
     parser.add_argument("--bag", default="bags/demo", help="recording to play (default: bags/demo)")
     parser.add_argument("--out", default="demo_out", help="folder for the results (default: demo_out)")
     parser.add_argument("--rate", type=float, default=1.0, help="play this many times faster (default: 1)")
     args = parser.parse_args()
-    return common.guarded("demo", lambda: demonstrate(args))
+    return guarded("demo", lambda: demonstrate(args), sys.argv)
 
 
 def demonstrate(args: argparse.Namespace) -> int:
@@ -76,8 +76,8 @@ def demonstrate(args: argparse.Namespace) -> int:
         os.environ.setdefault("ROS_LOG_DIR", str(Path(folder) / "log"))
         node = [sys.executable, "-m", "friction_estimator.ros.node", "--ros-args", *QUIET, *RELIABLE]
         play = [sys.executable, "-m", "friction_estimator", "play", args.bag, "--rate", str(args.rate)]
-        print(f"live node   {config.model.type} model, law {config.model.law}")
-        print(f"recording   {args.bag}: {len(samples)} samples in {samples.time_s[-1]:.1f} s, played at {args.rate:g}x")
+        say(f"live node   {config.model.type} model, law {config.model.law}")
+        say(f"recording   {args.bag}: {len(samples)} samples in {samples.time_s[-1]:.1f} s, played at {args.rate:g}x")
         with Listener() as listener, _child(node) as live:
             _wait(listener, listener.connected, live, "the node did not appear")
             with _child(play) as player:
@@ -97,10 +97,10 @@ def demonstrate(args: argparse.Namespace) -> int:
         "live_equals_replay": equal,
     }
     write_results(out, recording, live_result, summary)
-    print(f"predictions {summary['predictions']} of {len(samples)} samples, all received over DDS")
-    print(f"replay      {'gives the same predictions bit for bit' if equal else 'DIFFERS from the live node'}")
-    print(f"final nrmse {summary['nrmse_final']:.4f}  (the guess f[k-1]: {summary['nrmse_persistence']:.4f})")
-    print(f"written     {out}/report.html, {out}/summary.json, {out}/figures/, {out}/bag/, {out}/config.yaml")
+    say(f"predictions {summary['predictions']} of {len(samples)} samples, all received over DDS")
+    say(f"replay      {'gives the same predictions bit for bit' if equal else 'DIFFERS from the live node'}")
+    say(f"final nrmse {summary['nrmse_final']:.4f}  (the guess f[k-1]: {summary['nrmse_persistence']:.4f})")
+    say(f"written     {out}/report.html, {out}/summary.json, {out}/figures/, {out}/bag/, {out}/config.yaml")
     return 0 if equal else 1
 
 
@@ -119,7 +119,7 @@ def _follow(listener: Listener, live: Process, player: Process, samples: Samples
                 measured = samples.friction_N[np.searchsorted(samples.stamp_ns, stamps)]
                 shown += stamps.size
                 error = nrmse(measured, predicted)
-                print(f"  {shown:>7} predictions   nrmse of the last second {error:.4f}", flush=True)
+                say(f"  {shown:>7} predictions   nrmse of the last second {error:.4f}", flush=True)
         return player.poll() is not None
 
     listener.serve_until(tick)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from friction_estimator.effects.detection import Fault
 
 
-def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
+def add_parser(subparsers: common.Subparsers) -> None:
     """Add the verb's parser."""
     parser = common.add_verb(
         subparsers,

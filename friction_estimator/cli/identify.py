@@ -25,7 +25,7 @@ from friction_estimator.effects.extension import extension_from_config
 SCHEMA = "friction_estimator/identify/2"
 
 
-def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
+def add_parser(subparsers: common.Subparsers) -> None:
     """Add the verb's parser."""
     parser = common.add_verb(
         subparsers,

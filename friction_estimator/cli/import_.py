@@ -3,21 +3,14 @@
 import argparse
 from dataclasses import asdict
 
-from friction_estimator.cli.common import (
-    Output,
-    Parser,
-    Subparsers,
-    add_json_option,
-    add_verb,
-    progress,
-    warn,
-)
+from friction_estimator.cli.common import Output, Subparsers, add_json_option, add_verb, progress
+from friction_estimator.cli.terminal import warn
 from friction_estimator.core.errors import InputError
 
 SCHEMA = "friction_estimator/import/1"
 
 
-def add_parser(subparsers: "Subparsers[Parser]") -> None:
+def add_parser(subparsers: Subparsers) -> None:
     """Add the verb's options."""
     parser = add_verb(
         subparsers,

@@ -34,7 +34,7 @@ _CHANNELS = {
 }
 
 
-def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
+def add_parser(subparsers: common.Subparsers) -> None:
     """Add the verb's options."""
     parser = common.add_verb(
         subparsers,

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from friction_estimator import __version__
-from friction_estimator.cli.common import EXIT_CODES, PROGRAM, Parser, guarded
+from friction_estimator.cli.terminal import EXIT_CODES, PROGRAM, Parser, guarded
 from friction_estimator.threads import one_thread
 
 VERBS: dict[str, tuple[str, str]] = {
@@ -28,12 +28,20 @@ which returns the exit code."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; return its exit code.
+    """Run the command line; return its exit code. `--debug` anywhere shows the trace of a failure.
 
     Raises SystemExit for `--help`, `--version` (0) and usage errors (2), as argparse does.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     one_thread()  # before a verb brings in numpy
+    chosen = next((word for word in arguments if not word.startswith("-")), None)
+    name = PROGRAM if chosen is None else f"{PROGRAM} {chosen}"
+    # All of it inside the guard: a library that is not installed is one line, too.
+    return guarded(name, lambda: _run(chosen, arguments), arguments)
+
+
+def _run(chosen: str | None, arguments: list[str]) -> int:
+    """Run the chosen verb."""
     parser = Parser(
         prog=PROGRAM,
         description="Online identification of seal and actuator friction beside the drive.",
@@ -41,7 +49,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
     subparsers = parser.add_subparsers(dest="verb", metavar="VERB", parser_class=Parser)
-    chosen = next((word for word in arguments if not word.startswith("-")), None)
     if chosen is not None and chosen not in VERBS:
         near = difflib.get_close_matches(chosen, VERBS, n=1)
         hint = f"did you mean {near[0]}?" if near else f"choose one of {', '.join(VERBS)}"
@@ -49,18 +56,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     for verb, (_, summary) in VERBS.items():
         if verb != chosen:
             subparsers.add_parser(verb, help=summary)
-
-    def body() -> int:
-        # Inside the guard: a library that is not installed is one line, too.
-        module = None if chosen is None else import_module(f"friction_estimator.cli.{VERBS[chosen][0]}")
-        if module is not None:
-            module.add_parser(subparsers)
-        args = parser.parse_args(arguments)
-        if module is None or args.verb is None:
-            parser.error(f"no verb given: choose one of {', '.join(VERBS)}")
-        return int(module.run(args))
-
-    return guarded(PROGRAM if chosen is None else f"{PROGRAM} {chosen}", body)
+    module = None if chosen is None else import_module(f"friction_estimator.cli.{VERBS[chosen][0]}")
+    if module is not None:
+        module.add_parser(subparsers)
+    args = parser.parse_args(arguments)
+    if module is None or args.verb is None:
+        parser.error(f"no verb given: choose one of {', '.join(VERBS)}")
+    return int(module.run(args))
 
 
 if __name__ == "__main__":

@@ -9,13 +9,14 @@ from typing import Any
 
 from friction_estimator.bag.source import Source
 from friction_estimator.cli import common
+from friction_estimator.cli.terminal import EXIT_CODES, Parser, guarded, say
 from friction_estimator.core.errors import InputError
 
 INTERRUPTED = 130
 """Exit code of a playback that was stopped before its end."""
 
 
-def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
+def add_parser(subparsers: common.Subparsers) -> None:
     """Add the verb."""
     parser = common.add_verb(
         subparsers,
@@ -68,10 +69,10 @@ def run(args: argparse.Namespace, ros_arguments: tuple[str, ...] = ()) -> int:
         wait_s=args.wait,
     )
 
-    def say(line: str) -> None:
-        print(f"play: {line}", flush=True)
+    def tell(line: str) -> None:
+        say(f"play: {line}", flush=True)
 
-    with Source(args.bag) as source, Player(source, playback, say, ros_arguments) as player:
+    with Source(args.bag) as source, Player(source, playback, tell, ros_arguments) as player:
         with _stopped_by_signals(player.stop):
             player.run()
         # A loop has no other end than this.
@@ -103,10 +104,10 @@ def main(argv: list[str] | None = None) -> int:
     """Play as `ros2 run friction_estimator player BAG ... [--ros-args ...]`."""
     words: list[Any] = list(sys.argv[1:] if argv is None else argv)
     split = words.index("--ros-args") if "--ros-args" in words else len(words)
-    parser = common.Parser(prog="player", description=__doc__, epilog=common.EXIT_CODES)
+    parser = Parser(prog="player", description=__doc__, epilog=EXIT_CODES)
     add_options(parser)
     args = parser.parse_args(words[:split])
-    return common.guarded("player", lambda: run(args, tuple(words[split:])))
+    return guarded("player", lambda: run(args, tuple(words[split:])), words[:split])
 
 
 if __name__ == "__main__":

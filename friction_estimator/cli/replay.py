@@ -7,13 +7,14 @@ from typing import Any
 
 from friction_estimator.cli import common, side_by_side
 from friction_estimator.cli.recorded import Described, Session, add_run_options, load, tell_units
+from friction_estimator.cli.terminal import warn
 from friction_estimator.core.online.replay import Replay, replay
 from friction_estimator.effects.extension import extension_from_config
 
 SCHEMA = "friction_estimator/replay/2"
 
 
-def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
+def add_parser(subparsers: common.Subparsers) -> None:
     """Add the verb's parser."""
     parser = common.add_verb(
         subparsers,
@@ -93,12 +94,12 @@ def _warn_of_contact(result: Replay) -> None:
     if contact is None:
         return
     if not contact.ended:
-        common.warn(
+        warn(
             "the recording ends before two reversals or 10 s of motion: range and units are those of what there is, "
             "and a live node would still wait; set basis.velocity_range and force_unit"
         )
     if contact.dropped:
-        common.warn(f"{contact.dropped} samples came before the first contact and were let go: they are not predicted")
+        warn(f"{contact.dropped} samples came before the first contact and were let go: they are not predicted")
 
 
 def _tell(output: common.Output, summary: dict[str, Any]) -> None:
@@ -113,9 +114,7 @@ def _tell(output: common.Output, summary: dict[str, Any]) -> None:
         if value is not None:
             output.say(f"{name:<12}{value:.4f}  {meaning}")
     if summary["diverged"]:
-        common.warn("the estimator diverged: lower the step size, or use --law rls")
+        warn("the estimator diverged: lower the step size, or use --law rls")
     health = summary["health"]
     if health.outside:
-        common.warn(
-            f"{health.outside} samples lie outside the velocities learned: they were predicted, not learned from"
-        )
+        warn(f"{health.outside} samples lie outside the velocities learned: they were predicted, not learned from")

@@ -36,7 +36,7 @@ class Task:
     arguments: tuple[Any, ...]
 
 
-def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
+def add_parser(subparsers: common.Subparsers) -> None:
     """Add the verb's parser."""
     parser = common.add_verb(
         subparsers,

@@ -7,6 +7,7 @@ import numpy as np
 
 from friction_estimator.bag.write import STORAGES, TOPICS, Progress, writing
 from friction_estimator.cli import common
+from friction_estimator.cli.terminal import say_json, warn
 from friction_estimator.core.errors import InputError
 from friction_estimator.core.metrics import nrmse
 from friction_estimator.core.sample import Bools, Floats
@@ -37,7 +38,7 @@ _DEFAULT_CONDITION = "b"
 _DEFAULT_PLANT = "rig"
 
 
-def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
+def add_parser(subparsers: common.Subparsers) -> None:
     """Add the verb's parser."""
     parser = common.add_verb(
         subparsers,
@@ -120,7 +121,7 @@ def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     if args.list_effects:
-        print(common.to_json(list_effects()))
+        say_json(common.to_json(list_effects()))
         return 0
     if args.out is None:
         raise InputError("--out BAG is missing: name the recording to write")
@@ -182,7 +183,7 @@ def _warn_outside(config: Config, run_: Simulation) -> None:
     velocity = run_.samples.velocity_m_s
     outside = np.count_nonzero((velocity < low) | (velocity > high))
     if outside:
-        common.warn(f"{outside} samples lie outside the learned velocities [{low:g}, {high:g}] m/s: g is held there")
+        warn(f"{outside} samples lie outside the learned velocities [{low:g}, {high:g}] m/s: g is held there")
 
 
 def _segments(args: argparse.Namespace) -> tuple[Segment, ...]:
