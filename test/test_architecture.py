@@ -20,9 +20,10 @@ ALLOWED = {
     "bag": {"core", "files"},
     "diagnosis": {"core", "effects", "rig"},
     "paper": {"core", "rig"},
+    "export": {"core"},
     "report": {"core", "files", "effects", "rig", "diagnosis", "paper"},
     "ros": {"core", "threads", "files", "effects", "bag", "report", "diagnosis", "rig"},
-    "cli": {"core", "threads", "files", "effects", "rig", "paper", "bag", "diagnosis", "report", "ros"},
+    "cli": {"core", "threads", "files", "effects", "rig", "paper", "bag", "diagnosis", "export", "report", "ros"},
     "__main__": {"cli"},
     "__init__": set(),
 }

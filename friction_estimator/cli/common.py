@@ -38,6 +38,12 @@ def add_verb(subparsers: Subparsers, name: str, summary: str, *, description: st
 
 def add_bag_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of every verb that reads a recording: `--topic`, `--joint`, `--config`."""
+    group = add_topic_options(parser)
+    group.add_argument("--config", metavar="YAML", help="ROS parameter file with the settings")
+
+
+def add_topic_options(parser: argparse.ArgumentParser) -> "argparse._ArgumentGroup":
+    """Add `--topic` and `--joint`, which say where in a recording the inputs are; return their group."""
     group = parser.add_argument_group("recording")
     group.add_argument(
         "--topic",
@@ -47,7 +53,7 @@ def add_bag_options(parser: argparse.ArgumentParser) -> None:
         help=f"which topic is which input ({', '.join(INPUTS)}); may be repeated",
     )
     group.add_argument("--joint", metavar="NAME", help="joint in JointState messages (default: the only one)")
-    group.add_argument("--config", metavar="YAML", help="ROS parameter file with the settings")
+    return group
 
 
 def topics_from(args: argparse.Namespace) -> dict[str, str]:

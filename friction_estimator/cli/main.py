@@ -21,6 +21,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "diagnose": ("diagnose", "what the simulation gets wrong: named cause, extended model, gain"),
     "identify": ("identify", "batch reference fit: the best this structure can do on this record"),
     "reproduce": ("reproduce", "the paper's Figs. 3-6 and a table of its claims"),
+    "export": ("export", "what was learned, for a controller or a simulator, with its error"),
     "info": ("info", "what a recording holds, and what can be identified from it"),
 }
 """Every verb. Its module has `add_parser(subparsers)`, which adds the parser named like the verb, and `run(args)`,

@@ -18,7 +18,7 @@ All signs are free. Fv is negative on the falling branch of a Stribeck curve, dF
 slowly, and a negative Fc says that the sign of the data is wrong: clipping it at 0 would hide that and fit worse.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from types import MappingProxyType
@@ -227,8 +227,10 @@ class Bins:
         return bool(min(way[way > 0].sum(), -way[way < 0].sum()) >= LEAST_WAY * np.abs(way).sum())
 
 
-def fit_baselines(velocity_m_s: Floats, friction_N: Floats) -> dict[str, StaticCurve]:
-    """Fit each of `BASELINES` by least squares, deterministically.
+def fit_baselines(
+    velocity_m_s: Floats, friction_N: Floats, names: Collection[str] = tuple(BASELINES)
+) -> dict[str, StaticCurve]:
+    """Fit each of `BASELINES`, or those of `names`, by least squares, deterministically.
 
     The coefficients are eliminated for a given shape (variable projection, Golub and Pereyra 1973); the shape is
     searched on a logarithmic grid and refined from its best points by a bounded Gauss-Newton method on the logarithms.
@@ -245,6 +247,7 @@ def fit_baselines(velocity_m_s: Floats, friction_N: Floats) -> dict[str, StaticC
     ----------
     velocity_m_s : (n,) velocity in m/s; any other unit of velocity will do, the answer scales with it.
     friction_N : (n,) friction in N with the sign of the velocity that it opposes; likewise of any unit.
+    names : curves to fit, all of them unless given.
 
     Raises
     ------
@@ -265,7 +268,8 @@ def fit_baselines(velocity_m_s: Floats, friction_N: Floats) -> dict[str, StaticC
     x, y = v / speed, f / force
     bins = gathered(x, y)
     curves = {}
-    for name, form in BASELINES.items():
+    for name in names:
+        form = BASELINES[name]
         ridge = form.ridge(bins.both_ways)
         shape = best_shape(form, ridge, bins)
         coefficients = on_all(form, shape, ridge, x, y)

@@ -13,8 +13,8 @@ HIGHEST_TEMPERATURE_DEGC = 150.0
 KELVIN = 273.15
 
 # The range of the standard.
-_LOWEST_VISCOSITY_CST = 0.21
-_HIGHEST_VISCOSITY_CST = 2e7
+LOWEST_VISCOSITY_CST = 0.21
+HIGHEST_VISCOSITY_CST = 2e7
 
 
 def walther_coefficients(viscosity_40_cSt: float, viscosity_100_cSt: float) -> tuple[float, float]:
@@ -46,7 +46,7 @@ def walther(temperature_degC, a, b):  # type: ignore[no-untyped-def] # pragma: n
     level = min(a - b * math.log10(temperature_degC + KELVIN), 1.0)  # 10**10**1 is far above the range
     z = 10.0 ** (10.0**level) - 0.7
     nu = z - math.exp(-0.7487 - 3.295 * z + 0.6119 * z * z - 0.3193 * z * z * z)
-    return min(max(nu, _LOWEST_VISCOSITY_CST), _HIGHEST_VISCOSITY_CST)
+    return min(max(nu, LOWEST_VISCOSITY_CST), HIGHEST_VISCOSITY_CST)
 
 
 def kinematic_viscosity(temperature_degC: Floats, viscosity_40_cSt: float, viscosity_100_cSt: float) -> Floats:

@@ -7,7 +7,10 @@ from numba import njit, types
 
 from friction_estimator.core.model.oil import (
     HIGHEST_TEMPERATURE_DEGC,
+    HIGHEST_VISCOSITY_CST,
+    KELVIN,
     LOWEST_TEMPERATURE_DEGC,
+    LOWEST_VISCOSITY_CST,
     checked_temperature,
     walther,
     walther_coefficients,
@@ -30,6 +33,12 @@ _M2_S_PER_CST = 1e-6
     _BARUS, _SIGN_VELOCITY, _ASYMMETRY, _WALTHER_A, _WALTHER_B, _LOW_PRESSURE, _DEFAULT_PRESSURE,
     _DEFAULT_TEMPERATURE, _WIDTH, _SIZE,
 ) = range(19)  # fmt: skip
+
+_NAMES = (
+    "WIDTH_AREA", "WIDTH_PRESSURE", "PRELOAD", "BOUNDARY", "ROUGHNESS", "REST_GAP", "GRADIENT", "VISCOUS", "DENSITY",
+    "BARUS", "SIGN_VELOCITY", "ASYMMETRY", "WALTHER_A", "WALTHER_B", "LOW_PRESSURE", "DEFAULT_PRESSURE",
+    "DEFAULT_TEMPERATURE", "WIDTH",
+)  # fmt: skip
 
 # One compiled form for every caller: read-only arrays (bags are read without copying) take the same code.
 _READ = types.Array(types.float64, 1, "C", readonly=True)
@@ -185,6 +194,22 @@ class SealCurve:
         self.seal = seal
         self._par = par
         self._counts = np.zeros(2, np.int64)
+
+    @property
+    def constants(self) -> dict[str, float]:
+        """The numbers of the formula and its limits by name, SI units: what another language needs to evaluate it."""
+        return {
+            **dict(zip(_NAMES, self._par.tolist(), strict=True)),
+            "HIGHEST_SPEED": HIGHEST_SPEED_M_S,
+            "HIGHEST_PRESSURE": HIGHEST_GAUGE_PRESSURE_PA,
+            "LOWEST_TEMPERATURE": LOWEST_TEMPERATURE_DEGC,
+            "HIGHEST_TEMPERATURE": HIGHEST_TEMPERATURE_DEGC,
+            "HIGHEST_BARUS": _HIGHEST_BARUS_EXPONENT,
+            "GREENWOOD_TRIPP": _GREENWOOD_TRIPP_DECAY,
+            "KELVIN": KELVIN,
+            "LOWEST_VISCOSITY": LOWEST_VISCOSITY_CST,
+            "HIGHEST_VISCOSITY": HIGHEST_VISCOSITY_CST,
+        }
 
     @property
     def defaulted(self) -> int:

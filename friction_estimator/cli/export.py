@@ -1,0 +1,116 @@
+"""`export`: what was learned, for a controller or a simulator, with the error that each simplification costs."""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from friction_estimator.cli import common
+from friction_estimator.cli.recorded import load
+from friction_estimator.core.errors import InputError
+from friction_estimator.core.fit.band import Curve
+from friction_estimator.effects.extension import extension_from_config
+from friction_estimator.export import FORMATS
+from friction_estimator.export.learned import Learned
+from friction_estimator.files import write_text
+
+
+def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
+    """Add the verb's parser."""
+    kinds = "\n".join(f"  {name:<6}{kind.summary}" for name, kind in FORMATS.items())
+    parser = common.add_verb(
+        subparsers,
+        "export",
+        "what was learned, for a controller or a simulator",
+        description="Write a learned model in a form that others read, and say the error of that form over the\n"
+        f"recording that was learned from, or over those of --recording:\n{kinds}",
+        example="friction_estimator replay bags/demo --out out\n"
+        "  friction_estimator export out --format c --out friction_model.h\n"
+        "  friction_estimator export out --format urdf",
+    )
+    parser.add_argument(
+        "model",
+        metavar="MODEL",
+        help="folder that replay or identify wrote with --out, its config.yaml, or the parameters that a node dumped",
+    )
+    parser.add_argument("--format", required=True, choices=list(FORMATS), help="what to write")
+    parser.add_argument("--out", metavar="FILE", help="where to (default: standard output)")
+    parser.add_argument(
+        "--recording",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="BAG",
+        help="recordings to fit to and be judged on (default: those of MODEL)",
+    )
+    common.add_topic_options(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    output = common.Output("-")  # what people read goes to stderr: the text may go to stdout
+    kind = FORMATS[args.format]
+    learned = _learned(args, output)
+    if kind.needs_recording and learned.samples is None:
+        raise InputError(
+            f"{args.model} has no recording beside it, and --format {args.format} is fitted to one: "
+            "give --recording BAG"
+        )
+    exported = kind.write(learned)
+    if args.out:
+        write_text(args.out, exported.text)
+        output.say(f"{'written':<12}{args.out}")
+    else:
+        sys.stdout.write(exported.text)
+    for line in learned.cost(exported.error_rms_N):
+        output.say(line)
+    return 0
+
+
+def _learned(args: argparse.Namespace, output: common.Output) -> Learned:
+    """Read the model and, where there is one, the recording."""
+    given = Path(args.model)
+    settings = given / "config.yaml" if given.is_dir() else given
+    if given.is_dir() and not settings.is_file():
+        raise InputError(f"{given} has no config.yaml: give the folder that replay or identify wrote with --out")
+    folder = settings.parent
+    read = argparse.Namespace(
+        bags=args.recording or _recordings(folder / "bag"),
+        test=[],
+        config=str(settings),
+        topic=args.topic,
+        joint=args.joint,
+    )
+    config, samples = common.config_from(read), None
+    Learned(str(given), config)  # a model that holds nothing is refused before a recording is read
+    if read.bags:
+        session = load(read, output)
+        config, samples = session.config, session.samples
+    return Learned(
+        str(given), config, extension_from_config(config), _curve(folder / "summary.json"), samples, read.bags
+    )
+
+
+def _recordings(path: Path) -> list[str]:
+    """Return the recordings that a run left in its folder bag/."""
+    if (path / "metadata.yaml").is_file():
+        return [str(path)]
+    return sorted(str(item.parent) for item in path.glob("*/metadata.yaml"))
+
+
+def _curve(summary: Path) -> Curve | None:
+    """Return the curve with its band that a run wrote beside its config.yaml; None where there is none."""
+    try:
+        curve = json.loads(summary.read_text(encoding="utf-8"))["curve"]
+        share = curve["learned_share"]
+        velocity, *forces = (np.array(curve[key], float) for key in ("velocity_m_s", "friction_N", "low_N", "high_N"))
+        pressure, temperature = float(curve["pressure_Pa"]), float(curve["temperature_degC"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    friction, low, high = forces
+    if not all(np.isfinite(column).all() and column.shape == velocity.shape for column in (velocity, *forces)):
+        return None
+    known = None if share is None else np.array(share, float)
+    return Curve(velocity, friction, low, high, known, pressure, temperature)
