@@ -11,7 +11,7 @@ from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from typing import Protocol, TypeAlias
 
-from friction_estimator.cli.terminal import EXIT_CODES, Parser, say, say_json, warn
+from friction_estimator.cli.terminal import EXIT_CODES, Parser, say, say_document, warn
 from friction_estimator.core.errors import InputError
 from friction_estimator.core.settings.config import Config, retired
 from friction_estimator.core.text import shown
@@ -122,7 +122,7 @@ class Output:
     def result(self, value: object) -> None:
         """Print or write the JSON result, where `--json` asks for one."""
         if self._json_target == "-":
-            say_json(to_json(value))
+            say_document(to_json(value))
         elif self._json_target is not None:
             write_text(self._json_target, to_json(value) + "\n")
 

@@ -2,13 +2,13 @@
 
 import argparse
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 
 from friction_estimator.cli import common
 from friction_estimator.cli.recorded import load
+from friction_estimator.cli.terminal import say_document
 from friction_estimator.core.errors import InputError
 from friction_estimator.core.fit.band import Curve
 from friction_estimator.effects.extension import extension_from_config
@@ -17,7 +17,7 @@ from friction_estimator.export.learned import Learned
 from friction_estimator.files import write_text
 
 
-def add_parser(subparsers: "common.Subparsers[common.Parser]") -> None:
+def add_parser(subparsers: common.Subparsers) -> None:
     """Add the verb's parser."""
     kinds = "\n".join(f"  {name:<6}{kind.summary}" for name, kind in FORMATS.items())
     parser = common.add_verb(
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
         write_text(args.out, exported.text)
         output.say(f"{'written':<12}{args.out}")
     else:
-        sys.stdout.write(exported.text)
+        say_document(exported.text.rstrip("\n"))
     for line in learned.cost(exported.error_rms_N):
         output.say(line)
     return 0

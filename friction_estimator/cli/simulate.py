@@ -7,7 +7,7 @@ import numpy as np
 
 from friction_estimator.bag.write import STORAGES, TOPICS, Progress, writing
 from friction_estimator.cli import common
-from friction_estimator.cli.terminal import say_json, warn
+from friction_estimator.cli.terminal import say_document, warn
 from friction_estimator.core.errors import InputError
 from friction_estimator.core.metrics import nrmse
 from friction_estimator.core.sample import Bools, Floats
@@ -121,7 +121,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     if args.list_effects:
-        say_json(common.to_json(list_effects()))
+        say_document(common.to_json(list_effects()))
         return 0
     if args.out is None:
         raise InputError("--out BAG is missing: name the recording to write")

@@ -59,8 +59,8 @@ def say(text: str, *, aside: bool = False, flush: bool = False) -> None:
         print(shown(text, LONGEST_LINE), flush=flush)
 
 
-def say_json(text: str) -> None:
-    """Print a JSON document on stdout: `common.to_json` has made it safe."""
+def say_document(text: str) -> None:
+    """Print a document (JSON, an export) on stdout as it is: whoever made it has made it safe."""
     with _naming_stdout():
         print(text)
 

@@ -34,12 +34,12 @@ class C99Header:
         model = learned.estimator.model
         if learned.extension is not None:
             raise ConfigError(
-                f"{learned.source} has terms of a diagnosis ({', '.join(learned.config.extension.terms)}), which have "
+                f"{learned.name} has terms of a diagnosis ({', '.join(learned.config.extension.terms)}), which have "
                 "no form in C yet: export the model without them, or its static curve by --format csv"
             )
         error = None if learned.samples is None else learned.error_rms_N(learned.predicted_N)
         comment = [
-            f"Friction model learned by friction_estimator, from {learned.source}.",
+            f"Friction model learned by friction_estimator, from {learned.name}.",
             *learned.cost(error),
         ]
         rate = learned.spacing_s

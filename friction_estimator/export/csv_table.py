@@ -23,7 +23,7 @@ class CsvTable:
         curve = learned.static_curve()
         error = None if learned.samples is None else learned.static_error_rms_N()
         comment = [
-            f"Static friction learned by friction_estimator, from {learned.source},",
+            f"Static friction learned by friction_estimator, from {learned.name},",
             f"at {curve.pressure_Pa:.6g} Pa gauge and {curve.temperature_degC:.4g} degC.",
             *learned.cost(error),
         ]

@@ -14,6 +14,7 @@ from friction_estimator.core.model.structure import Extension, Parameters
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.sample import Bools, Floats, Samples
 from friction_estimator.core.settings.config import Config
+from friction_estimator.core.text import LONGEST_NAME, shown
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,16 @@ class Learned:
                 f"{self.source} holds no learned model: give the folder that replay or identify wrote with --out, "
                 "its config.yaml, or the parameters that a running node dumped"
             )
+
+    @property
+    def name(self) -> str:
+        """`source` for the text of an export: printable, in one line."""
+        return shown(self.source, LONGEST_NAME)
+
+    @property
+    def recording_names(self) -> str:
+        """The recordings' names, printable."""
+        return ", ".join(shown(name, LONGEST_NAME) for name in self.recordings)
 
     @cached_property
     def estimator(self) -> Estimator:
@@ -110,7 +121,7 @@ class Learned:
         whole = self.error_rms_N(self.predicted_N)
         spread = metrics.spread(self.samples.friction_N[self.judged])
         return [
-            f"Error over {int(np.count_nonzero(self.judged))} samples in motion of {', '.join(self.recordings)}, rms:",
+            f"Error over {int(np.count_nonzero(self.judged))} samples in motion of {self.recording_names}, rms:",
             f"this file {error_rms_N:.4g} N, the whole model without learning {whole:.4g} N; "
             f"friction itself varies by {spread:.4g} N.",
         ]

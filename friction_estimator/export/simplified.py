@@ -48,7 +48,7 @@ def curve_with_intervals(learned: Learned, form: str) -> tuple[StaticCurve, Mapp
     velocity, friction = _motion(learned)
     if BASELINES[form].asymmetric and min(np.sum(velocity > 0.0), np.sum(velocity < 0.0)) < BLOCKS:
         raise UnanswerableError(
-            f"{', '.join(learned.recordings)}: the shaft moves in one direction only, the other has no parameters: "
+            f"{learned.recording_names}: the shaft moves in one direction only, the other has no parameters: "
             "record both, or export a format without directions (urdf, mjcf, csv, c)"
         )
     curve = _fitted(form, velocity, friction)
@@ -151,6 +151,6 @@ def _motion(learned: Learned) -> tuple[Floats, Floats]:
     friction = learned.samples.friction_N[learned.judged]
     if velocity.size < 2 * BLOCKS or not np.any(velocity):
         raise UnanswerableError(
-            f"{', '.join(learned.recordings)}: {velocity.size} samples in motion are too few to fit friction to"
+            f"{learned.recording_names}: {velocity.size} samples in motion are too few to fit friction to"
         )
     return velocity, friction

@@ -33,7 +33,7 @@ class UrdfDynamics:
 def comment_of(learned: Learned, found: CoulombViscous, advice: list[str]) -> str:
     """Return the comment of a robot description: source, error, and what it leaves out."""
     lines = [
-        f"Friction learned by friction_estimator, from {learned.source}.",
+        f"Friction learned by friction_estimator, from {learned.name}.",
         *learned.cost(found.error_rms_N),
         f"Left out: an offset of {found.offset_N:.4g} N, whatever differs between the directions, the dip of Stribeck,",
         "and all memory.",
