@@ -1,11 +1,8 @@
-"""Files that are never half written, and the one configuration format (a ROS parameter file)."""
+"""The one configuration format: a ROS parameter file."""
 
 import os
 import re
-import shutil
-import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +11,7 @@ import yaml
 from friction_estimator.core.errors import ConfigError, InputError
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.setting import Value
+from friction_estimator.output.target import write_text
 
 _PATH_PARAMETERS = ("theory.table", "state.file")
 
@@ -36,49 +34,6 @@ class _Dumper(yaml.SafeDumper):
 
 
 _Dumper.add_representer(_Word, lambda dumper, word: dumper.represent_scalar("tag:yaml.org,2002:str", word, style="'"))
-
-
-@contextmanager
-def atomic_path(final: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary path beside `final`; rename it to `final` when the block ends without an exception.
-
-    Works for a file and for a directory (which replaces an older one whole). Whatever goes wrong, `final` is
-    either the old content or the new one, and nothing temporary stays behind.
-
-    Raises InputError where the folder cannot be written.
-    """
-    target = Path(final)
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        scratch = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
-    except OSError as error:
-        raise InputError(f"cannot write {target}: {error.strerror}; choose another output path") from error
-    try:
-        part = scratch / target.name
-        yield part
-        if part.is_dir() and target.is_dir():
-            old = scratch / "old"
-            target.rename(old)
-            try:
-                part.rename(target)
-            except BaseException:  # an interrupt, too
-                old.rename(target)
-                raise
-        else:
-            if part.is_file():
-                with part.open("rb") as handle:
-                    os.fsync(handle.fileno())
-            part.replace(target)
-    except (IsADirectoryError, NotADirectoryError) as error:
-        raise InputError(f"cannot write {target}: a folder stands where a file goes, or the reverse") from error
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
-
-
-def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write a whole text file atomically."""
-    with atomic_path(path) as part:
-        part.write_text(text, encoding="utf-8")
 
 
 def read_parameters(path: str | os.PathLike[str], node: str = "friction_estimator") -> dict[str, Any]:

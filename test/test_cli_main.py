@@ -283,13 +283,13 @@ def test_a_locale_that_holds_no_umlaut_is_no_failure(tmp_path):
         assert "Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130), (signal.SIGHUP, 129)])
 def test_a_stopped_run_leaves_nothing_half_written(tmp_path, number, code):
     script = (
         "import sys, time; from friction_estimator.cli.terminal import guarded\n"
-        "from friction_estimator.files import atomic_path\n"
+        "from friction_estimator.output.target import replacing_file\n"
         "def body():\n"
-        f"    with atomic_path({str(tmp_path / 'out.json')!r}) as part:\n"
+        f"    with replacing_file({str(tmp_path / 'out.json')!r}) as part:\n"
         "        part.write_text('half')\n"
         "        print('ready', flush=True)\n"
         "        time.sleep(60)\n"
@@ -340,9 +340,9 @@ def test_json_takes_arrays_and_numpy_numbers():
 
 def test_words_leave_stdout_to_the_json(tmp_path, capsys):
     for target in (None, "-", str(tmp_path / "out.json")):
-        output = common.Output(target)
-        output.say("words")
-        output.result({"x": 1})
+        with common.Output(target) as output:
+            output.say("words")
+            output.result({"x": 1})
         caught = capsys.readouterr()
         if target == "-":
             assert json.loads(caught.out) == {"x": 1}

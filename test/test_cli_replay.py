@@ -113,10 +113,11 @@ def test_a_replay_repeats_bit_for_bit(capsys):
     assert first == second
 
 
-def test_an_existing_folder_of_the_users_is_not_emptied(tmp_path):
+def test_an_existing_folder_of_the_users_is_not_touched(tmp_path, capsys):
     (tmp_path / "notes.txt").write_text("mine")
-    assert run(DEMO, "--out", tmp_path) == 0
-    assert (tmp_path / "notes.txt").read_text() == "mine"
+    assert run(DEMO, "--out", tmp_path) == 2
+    assert "does not hold such results" in capsys.readouterr().err
+    assert [item.name for item in tmp_path.iterdir()] == ["notes.txt"]
 
 
 def faulty(tmp_path, demo, **changes):

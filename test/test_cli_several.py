@@ -227,7 +227,7 @@ def test_a_folder_of_the_users_is_not_replaced(bags, tmp_path, capsys):
     (tmp_path / "bag").mkdir()
     (tmp_path / "bag" / "notes.txt").write_text("mine")
     assert run("replay", bags / "sine", bags / "slow", "--out", tmp_path) == 2
-    assert "no recording stands there" in one_line(capsys)
+    assert "does not hold such results" in one_line(capsys)
     assert (tmp_path / "bag" / "notes.txt").read_text() == "mine"
 
 

@@ -9,8 +9,9 @@ import pytest
 
 from friction_estimator.bag.read import read_recording
 from friction_estimator.bag.samples import to_samples
+from friction_estimator.bag.write import written
 from friction_estimator.cli.main import main
-from friction_estimator.cli.simulate import write_recording
+from friction_estimator.cli.simulate import add_recording
 from friction_estimator.core.metrics import nrmse
 from friction_estimator.core.online.replay import replay
 from friction_estimator.core.settings.config import Config
@@ -48,7 +49,8 @@ def test_the_recording_holds_the_simulated_samples_to_the_bit(tmp_path, storage)
 @pytest.mark.parametrize("effect", ["duplicate_stamps:fraction=0.05", "clock_jump:jump=-2,at=1", "dropout", "outliers"])
 def test_faulty_recordings_read_as_the_simulation_pairs_them(tmp_path, effect):
     simulation = simulate(Scenario(parse_schedule(SHORT[1]), rate_hz=200.0, effects=(parse_effect(effect),)))
-    write_recording(str(tmp_path / "bag"), simulation)
+    with written(tmp_path / "bag") as writer:
+        add_recording(writer, simulation)
     recorded, wanted = read(tmp_path / "bag"), simulation.paired()
     for name in ("stamp_ns", "velocity_m_s", "friction_N", "restart"):
         np.testing.assert_array_equal(getattr(recorded, name), getattr(wanted, name), err_msg=name)

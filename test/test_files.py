@@ -5,7 +5,7 @@ import yaml
 
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.settings.config import Config
-from friction_estimator.files import atomic_path, read_config, read_parameters, write_config
+from friction_estimator.files import read_config, read_parameters, write_config
 
 
 def test_numbers_are_read_as_ros_reads_them(tmp_path):
@@ -49,21 +49,3 @@ def test_the_parameters_of_two_estimators_are_asked_back(tmp_path):
     file.write_text("".join(f"/{n}/friction_estimator:\n  ros__parameters: {{fir.order: 4}}\n" for n in ("a", "b")))
     with pytest.raises(ConfigError, match="several nodes"):
         read_parameters(file)
-
-
-def test_an_interrupt_between_the_renames_keeps_the_old_folder(tmp_path, monkeypatch):
-    target = tmp_path / "out"
-    target.mkdir()
-    (target / "old").touch()
-    rename = type(target).rename
-
-    def interrupted(self, other):
-        if self.parent.name.startswith(".out.") and self.name == "out":
-            raise KeyboardInterrupt
-        return rename(self, other)
-
-    monkeypatch.setattr(type(target), "rename", interrupted)
-    with pytest.raises(KeyboardInterrupt), atomic_path(target) as part:
-        part.mkdir()
-    assert [item.name for item in target.iterdir()] == ["old"]
-    assert [item.name for item in tmp_path.iterdir()] == ["out"]

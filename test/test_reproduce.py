@@ -182,7 +182,9 @@ def test_the_verb_writes_claims_figures_and_one_page(capsys, tmp_path):
     out = tmp_path / "out"
     assert main(["reproduce", "--out", str(out), "--seeds", "2", "--seconds", "30"]) == 0
     told = capsys.readouterr().out
-    claims = json.loads((out / "claims.json").read_text())["claims"]
+    document = json.loads((out / "claims.json").read_text())
+    assert document["schema"] == "friction_estimator/claims/1"
+    claims = document["claims"]
     assert {claim["id"] for claim in claims} == IDS
     for claim in claims:
         assert set(claim) == {"id", "statement", "experiment", "numbers", "verdict", "why"}

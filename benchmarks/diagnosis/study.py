@@ -34,7 +34,7 @@ from truth import expected
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.effects import EFFECTS, Effect
-from friction_estimator.files import write_text
+from friction_estimator.output.target import write_text
 
 HERE = Path(__file__).resolve().parent
 OUT = HERE.parent / "out"

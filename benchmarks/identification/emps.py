@@ -25,7 +25,7 @@ from friction_estimator.core.online.replay import replay
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import chosen
-from friction_estimator.files import write_text
+from friction_estimator.output.target import write_text
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]

@@ -19,7 +19,7 @@ from tqdm import tqdm
 from friction_estimator.core.fit.batch import fit_batch, predict
 from friction_estimator.core.settings.config import PARAMETERS, Config
 from friction_estimator.core.settings.units import chosen
-from friction_estimator.files import write_text
+from friction_estimator.output.target import write_text
 
 HERE = Path(__file__).resolve().parent
 TRAIN_S, TEST_S = 20.0, 10.0

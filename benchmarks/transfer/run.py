@@ -25,7 +25,7 @@ from pathlib import Path
 from page import target_table
 from tqdm import tqdm
 
-from friction_estimator.files import write_text
+from friction_estimator.output.target import write_text
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]

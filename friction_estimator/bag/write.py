@@ -1,6 +1,7 @@
 """Write recordings: samples and results from arrays, inputs as they were recorded.
 
-A recording is written under a temporary name and renamed when it is complete.
+A recording is built aside and put under its name when it is complete; within a set of files that is itself built aside
+it is written in place (`written`).
 """
 
 import sqlite3
@@ -16,12 +17,14 @@ from numpy.typing import NDArray
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import StoragePlugin, Writer
 
+from friction_estimator.bag.own import MARK, OUTPUT_PREFIX, refusal
 from friction_estimator.bag.read import recorded_order
 from friction_estimator.bag.serialise import Template, array_template, sample_template, typestore
 from friction_estimator.bag.source import Source
 from friction_estimator.core.errors import InputError
 from friction_estimator.core.sample import Floats, Ints, Samples
-from friction_estimator.files import atomic_path
+from friction_estimator.output.staging import Refusal
+from friction_estimator.output.target import Target
 
 STORAGES = ("mcap", "sqlite3")
 
@@ -33,9 +36,6 @@ TOPICS = {
     "position": ("/position", "sensor_msgs/msg/JointState"),
 }
 """Topic and type of each input where nothing else is asked for."""
-
-OUTPUT_PREFIX = "/friction_estimator"
-"""Namespace of the node's outputs, in a recording as in a running graph."""
 
 JOINT = "shaft"
 
@@ -179,33 +179,52 @@ def writing(
 
     Parameters
     ----------
-    path : folder of the recording (an older recording there is replaced), or a bare .mcap or .db3 file.
+    path : folder of the recording (an older one from here is replaced), or a bare .mcap or .db3 file.
     storage : "mcap" or "sqlite3"; unless given by the file's name, mcap.
     progress : told of the messages written.
 
     Raises
     ------
-    InputError where `path` cannot be written, or is something else than a recording.
+    InputError where `path` cannot be written, or what stands there was not written by this program.
     """
-    target = Path(path)
-    by_name = _SUFFIXES.get(target.suffix)
+    kind = storage_of(path, storage)
+    with Target(path, refusal_at(path)) as target, target.part() as part, written(part, kind, progress) as writer:
+        yield writer
+
+
+def refusal_at(path: str | PathLike[str]) -> Refusal | None:
+    """Return what keeps a folder that is not ours where a recording is to be written; None for a bare file."""
+    return None if Path(path).suffix in _SUFFIXES else refusal
+
+
+def storage_of(path: str | PathLike[str], storage: str | None = None) -> str:
+    """Return the storage of a recording: as asked for, else by its name, else mcap.
+
+    Raises InputError where what is asked for contradicts the name.
+    """
+    by_name = _SUFFIXES.get(Path(path).suffix)
     if storage is not None and by_name not in (None, storage):
-        raise InputError(f"cannot write {target} as {storage}: its name says {by_name}; choose another name")
-    storage = storage or by_name or "mcap"
-    if target.is_dir() and any(target.iterdir()) and not (target / "metadata.yaml").exists():
-        raise InputError(f"cannot write {target}: a folder that is no recording stands there; choose another name")
-    with atomic_path(target) as part:
-        folder = part if by_name is None else part.with_suffix(".parts")
-        try:
-            with Writer(folder, version=_METADATA_VERSION, storage_plugin=_PLUGINS[storage]) as writer:
-                recording = RecordingWriter(writer, str(target), progress)
-                yield recording
-                recording.finish()
-        except (OSError, sqlite3.Error) as error:
-            reason = getattr(error, "strerror", None) or error
-            raise InputError(f"cannot write {target}: {reason}; choose another place") from error
-        if by_name is not None:
-            (folder / f"{folder.name}{target.suffix}").rename(part)
+        raise InputError(f"cannot write {path} as {storage}: its name says {by_name}; choose another name")
+    return storage or by_name or "mcap"
+
+
+@contextmanager
+def written(path: Path, storage: str = "mcap", progress: Progress | None = None) -> Iterator[RecordingWriter]:
+    """Yield a writer of a new recording at `path`, a folder or a bare .mcap or .db3 file; nothing stands there yet.
+
+    Raises InputError where it cannot be written.
+    """
+    folder = path if path.suffix not in _SUFFIXES else path.with_suffix(".parts")
+    try:
+        with Writer(folder, version=_METADATA_VERSION, storage_plugin=_PLUGINS[storage]) as writer:
+            writer.set_custom_data(*MARK)
+            recording = RecordingWriter(writer, path.name, progress)
+            yield recording
+            recording.finish()
+    except sqlite3.Error as error:
+        raise InputError(f"cannot write {path.name}: {error}; choose another place") from error
+    if folder != path:
+        (folder / f"{folder.name}{path.suffix}").rename(path)
 
 
 def write_samples(

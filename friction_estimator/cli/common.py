@@ -6,16 +6,19 @@ import math
 import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
+from types import TracebackType
 from typing import Protocol, TypeAlias
 
 from friction_estimator.cli.terminal import EXIT_CODES, Parser, say, say_document, warn
 from friction_estimator.core.errors import InputError
 from friction_estimator.core.settings.config import Config, retired
 from friction_estimator.core.text import shown
-from friction_estimator.files import read_config, read_parameters, write_text
+from friction_estimator.files import read_config, read_parameters
+from friction_estimator.output.run import RunOutput
+from friction_estimator.output.staging import Refusal
 
 INPUTS = ("velocity", "friction", "pressure", "temperature", "position", "joint_states")
 """What `--topic` can name."""
@@ -103,28 +106,69 @@ def _json_target(text: str) -> str:
 
 
 class Output:
-    """Where a verb's words and result go.
+    """Where a verb's words, files and result go (context manager).
+
+    Entered before anything is computed: an output that cannot be written, is in use, or would replace an input or what
+    is not this program's is known at once.
 
     Parameters
     ----------
     json_target : value of `--json`: None, "-" or a file name.
+    out : value of `--out`.
+    refusal : why a folder that stands under `out` may not be replaced (see `RunOutput`); None for a single file.
+    inputs : what the verb reads (see `paths_read`).
     """
 
-    def __init__(self, json_target: str | None = None) -> None:
+    def __init__(
+        self,
+        json_target: str | None = None,
+        out: str | None = None,
+        refusal: Refusal | None = None,
+        inputs: Sequence[str] = (),
+    ) -> None:
         if json_target == "-" and sys.stdout is None:
             raise InputError("--json -: stdout is closed, the result cannot be printed")
-        self._json_target = json_target
+        self._prints = json_target == "-"
+        self._files = RunOutput(out, refusal, None if self._prints else json_target, inputs)
+
+    def __enter__(self) -> "Output":
+        """Check and lock what is written; raises InputError."""
+        self._files.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Give up what was locked."""
+        self._files.__exit__(kind, error, trace)
+
+    def part(self) -> AbstractContextManager[Path]:
+        """Yield where to build what `out` names; it is in place when the block ends without an exception."""
+        return self._files.part()
 
     def say(self, text: str = "") -> None:
         """Print a line for the reader: on stdout, or on stderr where stdout carries JSON."""
-        say(text, aside=self._json_target == "-")
+        say(text, aside=self._prints)
 
     def result(self, value: object) -> None:
-        """Print or write the JSON result, where `--json` asks for one."""
-        if self._json_target == "-":
+        """Print or write the JSON result, where `--json` asks for one: the last thing that a verb does."""
+        if self._prints:
             say_document(to_json(value))
-        elif self._json_target is not None:
-            write_text(self._json_target, to_json(value) + "\n")
+        else:
+            self._files.write_document(to_json(value) + "\n")
+
+
+def paths_read(args: argparse.Namespace) -> list[str]:
+    """Return the files that the options of a verb name as inputs, the theory table of `--config` included."""
+    given = vars(args)
+    paths = [*given.get("bags", ()), *given.get("test", ())]
+    paths += [given[name] for name in ("bag", "table", "config") if given.get(name)]
+    # Of a recording given by its metadata the whole folder is read.
+    paths = [os.path.dirname(path) or "." if os.path.basename(path) == "metadata.yaml" else path for path in paths]
+    if given.get("config"):
+        table = read_parameters(args.config).get("theory.table")
+        paths += [table] if isinstance(table, str) and table else []
+    return paths
 
 
 def to_json(value: object) -> str:

@@ -17,9 +17,10 @@ import numpy as np
 
 from friction_estimator.bag.read import read_recording
 from friction_estimator.bag.samples import to_samples
+from friction_estimator.cli import common
 from friction_estimator.cli.recorded import Loaded
 from friction_estimator.cli.replay import SCHEMA, summarise
-from friction_estimator.cli.results import write_results
+from friction_estimator.cli.results import RESULTS, write_results
 from friction_estimator.cli.terminal import Parser, guarded, say
 from friction_estimator.core.errors import FrictionEstimatorError
 from friction_estimator.core.metrics import nrmse
@@ -64,7 +65,12 @@ def main() -> int:
 
 def demonstrate(args: argparse.Namespace) -> int:
     """Play the recording to the live node, collect its predictions, write the results."""
-    out = Path(args.out)
+    with common.Output(None, args.out, RESULTS.refusal, [args.bag]) as output:
+        return _demonstrate(args, output)
+
+
+def _demonstrate(args: argparse.Namespace, output: common.Output) -> int:
+    out = args.out
     recording = read_recording(args.bag)
     admitted = to_samples(recording, Config())
     samples = admitted.samples
@@ -96,7 +102,8 @@ def demonstrate(args: argparse.Namespace) -> int:
         "predictions": len(listener.predicted),
         "live_equals_replay": equal,
     }
-    write_results(out, recording, live_result, summary)
+    with output.part() as part:
+        write_results(part, recording, live_result, summary)
     say(f"predictions {summary['predictions']} of {len(samples)} samples, all received over DDS")
     say(f"replay      {'gives the same predictions bit for bit' if equal else 'DIFFERS from the live node'}")
     say(f"final nrmse {summary['nrmse_final']:.4f}  (the guess f[k-1]: {summary['nrmse_persistence']:.4f})")

@@ -1,6 +1,7 @@
 """`diagnose`: what the simulation gets wrong, its named cause, the extended model, the gain."""
 
 import argparse
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,9 +12,13 @@ from friction_estimator.cli import common
 from friction_estimator.core.errors import UnanswerableError
 from friction_estimator.core.sample import NS_PER_S, Samples
 from friction_estimator.core.settings.config import Config
+from friction_estimator.output.layout import Layout, only
 
 if TYPE_CHECKING:
     from friction_estimator.effects.detection import Fault
+
+EXTENDED = "extended.yaml"
+_MARK = re.compile(r'\{\s*"schema": "friction_estimator/diagnosis/\d+"')
 
 
 def add_parser(subparsers: common.Subparsers) -> None:
@@ -37,11 +42,28 @@ def add_parser(subparsers: common.Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb; 1 for the verdict `undecidable`."""
+    with common.Output(args.json, args.out, _refusal, common.paths_read(args)) as output:
+        return _run(args, output)
+
+
+def _refusal(folder: Path) -> str | None:
+    """Return why a folder may not be replaced by a diagnosis."""
+    from friction_estimator.effects import EFFECTS  # noqa: PLC0415
+    from friction_estimator.report.diagnosis_figures import REMAINDER  # noqa: PLC0415
+    from friction_estimator.report.style import SUFFIXES  # noqa: PLC0415
+
+    figures = only({*EFFECTS, REMAINDER}, SUFFIXES)
+    return Layout("summary.json", _MARK, frozenset({"report.html", "extended.yaml"}), {"figures": figures}).refusal(
+        folder
+    )
+
+
+def _run(args: argparse.Namespace, output: common.Output) -> int:
     # scipy takes a second to import: `--help` needs none of it.
     from friction_estimator.diagnosis.diagnose import diagnose  # noqa: PLC0415
+    from friction_estimator.diagnosis.extend import is_offered  # noqa: PLC0415
     from friction_estimator.diagnosis.summary import as_json, judged_by, sentences  # noqa: PLC0415
 
-    output = common.Output(args.json)
     config = common.config_from(args)
     loaded = [_load(bag, args, config, output) for bag in args.bags]
     recordings = [samples for samples, _ in loaded]
@@ -58,14 +80,12 @@ def run(args: argparse.Namespace) -> int:
         result = diagnose(recordings, config, seed=args.seed, progress=report, faults=tuple(faults.values()))
     for line in sentences(result):
         output.say(line)
-    figures: dict[str, str] = {}
-    extended: str | None = None
-    if args.out:
-        figures, extended = _write(Path(args.out), result, config, args.bags)
-    summary = as_json(result, args.bags, figures, extended)
+    extended = str(Path(args.out) / EXTENDED) if args.out and is_offered(result) else None
+    summary = as_json(result, args.bags, {}, extended)
     if args.out:
         judged = judged_by(args.bags, extended, args.config)
-        _write_summary(Path(args.out), summary, sentences(result), judged, figures)
+        with output.part() as folder:
+            summary = _write(folder, Path(args.out), result, config, args.bags, extended, judged)
         for line in judged:
             output.say(line)
         output.say(f"written: {args.out}")
@@ -100,41 +120,35 @@ def _load(bag: str, args: argparse.Namespace, config: Config, output: common.Out
     return admitted.samples, streams.counted(facts)
 
 
-def _write(folder: Path, result: Any, config: Config, bags: list[str]) -> tuple[dict[str, str], str | None]:
-    """Write the extended model and the figures; return effect id -> file and the model's file."""
-    from friction_estimator.diagnosis.extend import extended_config, is_offered  # noqa: PLC0415
-    from friction_estimator.files import atomic_path, write_config  # noqa: PLC0415
+def _write(
+    folder: Path, final: Path, result: Any, config: Config, bags: list[str], extended: str | None, judged: list[str]
+) -> dict[str, Any]:
+    """Write the diagnosis into `folder`, which is made here and will be `final`; return its summary."""
+    from friction_estimator.diagnosis.extend import extended_config  # noqa: PLC0415
+    from friction_estimator.diagnosis.summary import as_json, sentences  # noqa: PLC0415
+    from friction_estimator.files import write_config  # noqa: PLC0415
     from friction_estimator.report.diagnosis_figures import write_diagnosis_figures  # noqa: PLC0415
+    from friction_estimator.report.html import Section, write_page  # noqa: PLC0415
 
-    extended = None
-    if is_offered(result):
-        target = folder / "extended.yaml"
+    folder.mkdir()
+    if extended is not None:
         names = ", ".join(found.name for found in (*result.effects, *result.faults))
         write_config(
-            target,
+            folder / EXTENDED,
             extended_config(result, config),
             header=f"Written by friction_estimator diagnose from {', '.join(bags)}.\n"
             f"Base model with {names}; accepted by replay, simulate, diagnose and the live node.",
         )
-        extended = str(target)
-    with atomic_path(folder / "figures") as part:
-        part.mkdir()
-        drawn = write_diagnosis_figures(result, part)
-        figures = {name: str(folder / "figures" / path.name) for name, path in drawn.items()}
-    return figures, extended
-
-
-def _write_summary(
-    folder: Path, summary: dict[str, Any], words: list[str], judged: list[str], figures: dict[str, str]
-) -> None:
-    from friction_estimator.files import write_text  # noqa: PLC0415
-    from friction_estimator.report.html import Section, write_page  # noqa: PLC0415
-
-    write_text(folder / "summary.json", common.to_json(summary) + "\n")
-    drawn = [(Path(path), name) for name, path in figures.items()]
-    sections = [Section("Findings", words)]
+    (folder / "figures").mkdir()
+    drawn = write_diagnosis_figures(result, folder / "figures")
+    figures = {name: str(final / "figures" / path.name) for name, path in drawn.items()}
+    summary = as_json(result, bags, figures, extended)
+    (folder / "summary.json").write_text(common.to_json(summary) + "\n", encoding="utf-8")
+    sections = [Section("Findings", sentences(result))]
     if judged:
         sections.append(Section("The extended model on other recordings", judged))
     if drawn:
-        sections.append(Section("Figures", figures=drawn))
-    write_page(folder / "report.html", "Diagnosis", f"{summary['verdict']}: {', '.join(summary['bags'])}", sections)
+        sections.append(Section("Figures", figures=[(path, name) for name, path in drawn.items()]))
+    lead = f"{summary['verdict']}: {', '.join(summary['bags'])}"
+    write_page(folder / "report.html", "Diagnosis", lead, sections)
+    return summary

@@ -14,7 +14,7 @@ from friction_estimator.core.fit.band import Curve
 from friction_estimator.effects.extension import extension_from_config
 from friction_estimator.export import FORMATS
 from friction_estimator.export.learned import Learned
-from friction_estimator.files import write_text
+from friction_estimator.output.target import write_text
 
 
 def add_parser(subparsers: common.Subparsers) -> None:

@@ -2,13 +2,12 @@
 
 import argparse
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from friction_estimator.cli import common, side_by_side
-from friction_estimator.cli.recorded import Session, add_run_options, load, tell_units
+from friction_estimator.cli.recorded import Session, add_run_options, load, outputs, tell_units
 from friction_estimator.cli.replay import judged, summarise
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.fit.batch import BatchFit, fit_batch
@@ -44,7 +43,11 @@ def add_parser(subparsers: common.Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
-    output = common.Output(args.json)
+    with outputs(args) as output:
+        return _run(args, output)
+
+
+def _run(args: argparse.Namespace, output: common.Output) -> int:
     session = load(args, output, {"model.type": args.model})
     samples = session.samples
     check_answerable(samples)
@@ -67,7 +70,8 @@ def run(args: argparse.Namespace) -> int:
     if args.out:
         from friction_estimator.cli.results import write_results  # noqa: PLC0415 - drawing is loaded where asked for
 
-        write_results(Path(args.out), session.recordings, result, summary)
+        with output.part() as folder:
+            write_results(folder, session.recordings, result, summary)
         output.say(f"{'written':<14}{args.out}: bag/, figures/, report.html, summary.json, config.yaml")
     output.result(summary)
     return 0

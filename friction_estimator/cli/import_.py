@@ -3,7 +3,7 @@
 import argparse
 from dataclasses import asdict
 
-from friction_estimator.cli.common import Output, Subparsers, add_json_option, add_verb, progress
+from friction_estimator.cli.common import Output, Subparsers, add_json_option, add_verb, paths_read, progress
 from friction_estimator.cli.terminal import warn
 from friction_estimator.core.errors import InputError
 
@@ -50,8 +50,16 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Import the table; return the exit code."""
-    from friction_estimator.bag.table import TableSpec, read_table  # noqa: PLC0415 - `--help` needs none of them
-    from friction_estimator.bag.write import write_samples  # noqa: PLC0415
+    from friction_estimator.bag.write import refusal_at, storage_of  # noqa: PLC0415 - `--help` needs none of them
+
+    storage = storage_of(args.out, args.storage)
+    with Output(args.json, args.out, refusal_at(args.out), paths_read(args)) as output:
+        return _run(args, output, storage)
+
+
+def _run(args: argparse.Namespace, output: Output, storage: str) -> int:
+    from friction_estimator.bag.table import TableSpec, read_table  # noqa: PLC0415
+    from friction_estimator.bag.write import add_samples, written  # noqa: PLC0415
 
     inputs: dict[str, str] = {}
     for item in ",".join(args.map).split(","):
@@ -63,10 +71,13 @@ def run(args: argparse.Namespace) -> int:
     samples, report = read_table(args.table, spec)
     for doubt in report.warnings:
         warn(doubt)
-    with progress("writing", unit="messages") as advance:
-        write_samples(args.out, samples, args.storage, progress=advance)
+    with (
+        progress("writing", unit="messages") as advance,
+        output.part() as part,
+        written(part, storage, advance) as writer,
+    ):
+        add_samples(writer, samples)
     duration_s = samples.duration_s
-    output = Output(args.json)
     output.say(
         f"{args.out}: {len(samples)} samples, {duration_s:.6g} s, {samples.sample_rate_hz:.6g} Hz, "
         f"{report.pieces - 1} gaps made; {report.selected} of {report.rows} rows selected"

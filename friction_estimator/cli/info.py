@@ -51,12 +51,16 @@ def add_parser(subparsers: common.Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print what is known; the failure that ends the inspection comes last."""
+    with common.Output(args.json, inputs=common.paths_read(args)) as output:
+        return _run(args, output)
+
+
+def _run(args: argparse.Namespace, output: common.Output) -> int:
     from friction_estimator.bag.read import read_recording  # noqa: PLC0415 - `--help` needs none of them
     from friction_estimator.bag.samples import to_samples  # noqa: PLC0415
     from friction_estimator.bag.source import Source  # noqa: PLC0415
     from friction_estimator.bag.statistics import describe  # noqa: PLC0415
 
-    output = common.Output(args.json)
     config = common.config_from(args)
     with Source(args.bag) as source:
         topics = source.topics

@@ -122,6 +122,16 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
     common.add_json_option(parser)
 
 
+def outputs(args: argparse.Namespace) -> common.Output:
+    """Return where a verb with these options writes; enter it before anything is read."""
+    refusal = None
+    if args.out:
+        from friction_estimator.cli.results import RESULTS  # noqa: PLC0415 - drawing is loaded where asked for
+
+        refusal = RESULTS.refusal
+    return common.Output(args.json, args.out, refusal, common.paths_read(args))
+
+
 def load(args: argparse.Namespace, output: common.Output, overrides: Mapping[str, object] | None = None) -> Session:
     """Read `args.bags` and `args.test`, pair and admit their messages; say what was done and refused.
 

@@ -2,11 +2,10 @@
 
 import argparse
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from friction_estimator.cli import common, side_by_side
-from friction_estimator.cli.recorded import Described, Session, add_run_options, load, tell_units
+from friction_estimator.cli.recorded import Described, Session, add_run_options, load, outputs, tell_units
 from friction_estimator.cli.terminal import warn
 from friction_estimator.core.online.replay import Replay, replay
 from friction_estimator.effects.extension import extension_from_config
@@ -33,7 +32,11 @@ def add_parser(subparsers: common.Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
-    output = common.Output(args.json)
+    with outputs(args) as output:
+        return _run(args, output)
+
+
+def _run(args: argparse.Namespace, output: common.Output) -> int:
     session = load(args, output, {"model.type": args.model, "model.law": args.law})
     with common.progress("replaying", len(session.samples)) as advance:
         result = replay(
@@ -54,7 +57,8 @@ def run(args: argparse.Namespace) -> int:
         # Drawing and HTML are loaded only where they are asked for.
         from friction_estimator.cli.results import write_results  # noqa: PLC0415
 
-        write_results(Path(args.out), session.recordings, result, summary)
+        with output.part() as folder:
+            write_results(folder, session.recordings, result, summary)
         output.say(f"{'written':<12}{args.out}: bag/, figures/, report.html, summary.json, config.yaml")
     output.result(summary)
     return 0

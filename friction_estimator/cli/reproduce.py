@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import re
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
@@ -12,12 +13,14 @@ from typing import Any
 
 from friction_estimator.cli import common
 from friction_estimator.core.errors import InputError
-from friction_estimator.files import atomic_path, write_text
+from friction_estimator.output.layout import Layout
 from friction_estimator.paper import convergence, landscape, structure
 from friction_estimator.paper.claims import Claim, Interval
 from friction_estimator.paper.study import MODELS, Plan, Study, assemble, run_recording
 from friction_estimator.rig.drive import CONDITIONS
 from friction_estimator.threads import VARIABLES
+
+SCHEMA = "friction_estimator/claims/1"
 
 WORKERS = 2
 
@@ -25,6 +28,12 @@ STRUCTURE_SEEDS = 3
 """Recordings of each condition for the claim on orders, which takes six fits each."""
 
 _SINGLE_THREAD = dict.fromkeys(VARIABLES, "1")
+
+LAYOUT = Layout(
+    "claims.json",
+    re.compile(r'\{\s*("schema": "friction_estimator/claims/\d+"|"claims": \[)'),
+    frozenset({"index.html", *(f"figure_{number}.png" for number in range(3, 7))}),
+)
 
 
 @dataclass(frozen=True)
@@ -62,7 +71,11 @@ def run(args: argparse.Namespace) -> int:
         raise InputError(f"--seeds {args.seeds}: confidence intervals need at least 2")
     if not 6 * longest <= args.seconds <= 3600.0:
         raise InputError(f"--seconds {args.seconds:g}: give {6 * longest:g} to 3600, six cycles of the slowest drive")
-    output = common.Output(args.json)
+    with common.Output(args.json, args.out, LAYOUT.refusal) as output:
+        return _run(args, output)
+
+
+def _run(args: argparse.Namespace, output: common.Output) -> int:
     plan = Plan(seeds=args.seeds, seconds=args.seconds)
     tasks = plan_tasks(plan)
     with common.progress("reproducing", len(tasks), "tasks") as advance, _workers() as pool:
@@ -70,8 +83,9 @@ def run(args: argparse.Namespace) -> int:
     study, claims = judge(plan, results)
     for claim in claims:
         output.say(f"{claim.verdict:<10} {claim.id}: {claim.why}")
-    result = {"claims": claims}
-    write(Path(args.out), study, claims, common.to_json(result) + "\n")
+    result = {"schema": SCHEMA, "claims": claims}
+    with output.part() as folder:
+        write(folder, study, claims, common.to_json(result) + "\n")
     output.say(f"written    {args.out}: claims.json, index.html, figure_3.png to figure_6.png")
     output.result(result)
     return 0
@@ -158,11 +172,12 @@ def judge(plan: Plan, results: dict[tuple[Any, ...], Any]) -> tuple[Study, list[
 
 
 def write(folder: Path, study: Study, claims: Sequence[Claim], text: str) -> None:
-    """Write claims.json, figures and page; InputError where the folder cannot be written."""
+    """Write claims.json, figures and page into `folder`, which is made here."""
     from friction_estimator.report.html import Section, write_page  # noqa: PLC0415 - workers do not draw
     from friction_estimator.report.reproduce_figures import write_figures  # noqa: PLC0415
 
-    write_text(folder / "claims.json", text)
+    folder.mkdir()
+    (folder / "claims.json").write_text(text, encoding="utf-8")
     figures = write_figures(study, folder)
     overview = [("claim", "verdict", "why"), *((c.statement, c.verdict, c.why) for c in claims)]
     sections = [
@@ -170,8 +185,7 @@ def write(folder: Path, study: Study, claims: Sequence[Claim], text: str) -> Non
         Section("Figures", figures=figures),
         *(Section(c.id.replace("_", " "), [c.statement, c.experiment], _table(c)) for c in claims),
     ]
-    with atomic_path(folder / "index.html") as part:
-        write_page(part, "The paper, reproduced and put to the test", str(study.plan), sections)
+    write_page(folder / "index.html", "The paper, reproduced and put to the test", str(study.plan), sections)
 
 
 def _table(claim: Claim) -> list[tuple[object, ...]]:

@@ -1,22 +1,47 @@
-"""What `--out` writes: the enriched recording, figures, page, summary and configuration, each whole or not at all."""
+"""What `--out` writes: the enriched recording, figures, page, summary and configuration."""
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from friction_estimator.bag import own
 from friction_estimator.bag.read import Recording
 from friction_estimator.bag.source import Source
-from friction_estimator.bag.write import add_results, writing
+from friction_estimator.bag.write import add_results, written
 from friction_estimator.cli import side_by_side
 from friction_estimator.cli.common import to_json
-from friction_estimator.core.errors import InputError
 from friction_estimator.core.online.replay import Replay
 from friction_estimator.core.sample import Floats, Ints
-from friction_estimator.files import atomic_path, write_config, write_text
-from friction_estimator.report.figures import write_figures
+from friction_estimator.files import write_config
+from friction_estimator.output.layout import Layout, only
+from friction_estimator.report.figures import FIGURES, write_figures
 from friction_estimator.report.html import Section, write_page
+from friction_estimator.report.style import SUFFIXES
+
+
+def _recordings_refusal(folder: Path) -> str | None:
+    """Return why bag/ may not be replaced: it is one recording of ours, or a folder of some."""
+    reason = own.refusal(folder)
+    if reason is not None and not (folder / "metadata.yaml").exists():
+        for item in sorted(folder.iterdir()):
+            if not item.is_dir() or item.is_symlink():
+                return f"{item} is not part of the results; move it out, or choose another --out"
+            reason = own.refusal(item)
+            if reason is not None:
+                break
+    return None if reason is None else f"in {folder.name}/, {reason}"
+
+
+RESULTS = Layout(
+    "summary.json",
+    re.compile(r'\{\s*"schema": "friction_estimator/(replay|identify)/\d+"'),
+    frozenset({"report.html", "config.yaml"}),
+    {"bag": _recordings_refusal, "figures": only(FIGURES, SUFFIXES)},
+)
+"""What `replay`, `identify` and the demonstration write."""
 
 
 def write_results(
@@ -29,14 +54,15 @@ def write_results(
 
     Parameters
     ----------
-    folder : made where it does not exist.
+    folder : made here; nothing stands there yet.
     recordings : those that were learned, in the order of `result.parts`.
     summary : the JSON of the run.
 
-    Raises InputError where the folder cannot be written.
+    Raises InputError where a recording cannot be written.
     """
     taken = [recordings] if isinstance(recordings, Recording) else list(recordings)
     paths = ", ".join(str(recording.path) for recording in taken)
+    folder.mkdir()
     write_bags(folder / "bag", taken, result)
     write_config(
         folder / "config.yaml",
@@ -44,46 +70,30 @@ def write_results(
         header=f"Written by friction_estimator from {paths}: derived units and learned values.\n"
         "Start warm with it: estimator_node --ros-args --params-file config.yaml",
     )
-    write_text(folder / "summary.json", to_json(summary) + "\n")
-    with atomic_path(folder / "figures") as part:
-        part.mkdir()
-        figures = write_figures(result, part)
-        sections = [_figures_of_merit(summary), *_on_other_data(result)]
-        sections += [_inputs(recording) for recording in taken]
-        sections[-1].paragraphs = [*sections[-1].paragraphs, _admitted(summary)]
-        write_page(
-            folder / "report.html",
-            "Friction estimated",
-            f"{result.config.model.type} model, law {summary['law']}, over {paths}",
-            [*sections, Section("Figures", figures=figures)],
-        )
+    (folder / "summary.json").write_text(to_json(summary) + "\n", encoding="utf-8")
+    (folder / "figures").mkdir()
+    figures = write_figures(result, folder / "figures")
+    sections = [_figures_of_merit(summary), *_on_other_data(result)]
+    sections += [_inputs(recording) for recording in taken]
+    sections[-1].paragraphs = [*sections[-1].paragraphs, _admitted(summary)]
+    write_page(
+        folder / "report.html",
+        "Friction estimated",
+        f"{result.config.model.type} model, law {summary['law']}, over {paths}",
+        [*sections, Section("Figures", figures=figures)],
+    )
 
 
 def write_bags(path: Path, recordings: Sequence[Recording], result: Replay) -> None:
-    """Write one recording to `path`; several, numbered in order, into the folder `path`.
-
-    Raises InputError where something else than results of a former run stands there.
-    """
-    if len(recordings) == 1 and not _holds_recordings(path):
+    """Write one recording to `path`; several, numbered in order, into the folder `path`."""
+    if len(recordings) == 1:
         write_bag(path, recordings[0], result)
         return
-    if path.exists() and not (path / "metadata.yaml").exists() and not _holds_recordings(path):
-        raise InputError(f"cannot write {path}: a folder that is no recording stands there; choose another name")
-    with atomic_path(path) as place:
-        if len(recordings) == 1:
-            write_bag(place, recordings[0], result)
-            return
-        place.mkdir()
-        digits = len(str(len(recordings)))
-        for number, (recording, part) in enumerate(zip(recordings, result.parts, strict=True), start=1):
-            name = recording.path.name if recording.path.is_dir() else recording.path.stem
-            write_bag(place / f"{number:0{digits}d}_{name}", recording, result, part)
-
-
-def _holds_recordings(path: Path) -> bool:
-    """Whether `path` is a folder with recordings in it and nothing else: empty ones do not count."""
-    inside = list(path.iterdir()) if path.is_dir() else []
-    return bool(inside) and all((item / "metadata.yaml").is_file() for item in inside)
+    path.mkdir()
+    digits = len(str(len(recordings)))
+    for number, (recording, part) in enumerate(zip(recordings, result.parts, strict=True), start=1):
+        name = recording.path.name if recording.path.is_dir() else recording.path.stem
+        write_bag(path / f"{number:0{digits}d}_{name}", recording, result, part)
 
 
 def write_bag(path: Path, recording: Recording, result: Replay, part: slice = slice(None)) -> None:
@@ -95,7 +105,7 @@ def write_bag(path: Path, recording: Recording, result: Replay, part: slice = sl
     friction, samples = recording.streams["friction"], result.samples[part]
     # Outputs stand beside the friction that they belong to, whatever clock made its stamps.
     log_time_ns = friction.log_time_ns[_places(friction.stamp_ns, samples.stamp_ns)]
-    with writing(path) as writer:
+    with written(path) as writer:
         with Source(recording.path) as source:
             writer.copy(source, names)
         add_results(

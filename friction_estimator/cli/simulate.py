@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from friction_estimator.bag.write import STORAGES, TOPICS, Progress, writing
+from friction_estimator.bag.write import STORAGES, TOPICS, RecordingWriter, refusal_at, storage_of, written
 from friction_estimator.cli import common
 from friction_estimator.cli.terminal import say_document, warn
 from friction_estimator.core.errors import InputError
@@ -125,13 +125,23 @@ def run(args: argparse.Namespace) -> int:
         return 0
     if args.out is None:
         raise InputError("--out BAG is missing: name the recording to write")
-    output = common.Output(args.json)
+    inputs = common.paths_read(args)
+    storage = storage_of(args.out, args.storage)
+    with common.Output(args.json, args.out, refusal_at(args.out), inputs) as output:
+        return _run(args, output, storage)
+
+
+def _run(args: argparse.Namespace, output: common.Output, storage: str) -> int:
     config = read_config(args.config) if args.config else Config()
     scenario = scenario_from(args, config)
     run_ = simulate(scenario, _identified(args, config, scenario))
     _warn_outside(config, run_)
-    with common.progress("writing", unit="messages") as advance:
-        write_recording(args.out, run_, args.storage, advance)
+    with (
+        common.progress("writing", unit="messages") as advance,
+        output.part() as part,
+        written(part, storage, advance) as writer,
+    ):
+        add_recording(writer, run_)
     summary = summarise(args.out, run_, "identified" if config.learned.wavelet_weights else scenario.plant)
     _tell(output, run_, summary)
     output.result(summary)
@@ -198,13 +208,11 @@ def _segments(args: argparse.Namespace) -> tuple[Segment, ...]:
     return (segment(period, pressure, CONDITION_SECONDS if args.seconds is None else args.seconds),)
 
 
-def write_recording(path: str, run_: Simulation, storage: str | None = None, progress: Progress | None = None) -> None:
-    """Write what the sensors of a simulated run show, on the default topics.
+def add_recording(writer: RecordingWriter, run_: Simulation) -> None:
+    """Add what the sensors of a simulated run show to a recording, on the default topics.
 
     Header stamps are the sensors' (faults of their clocks included), the time of recording is the true one. Pressure
     and temperature are sent when they change and at least every 0.1 s: held values are exact.
-
-    Raises InputError where `path` cannot be written.
     """
     samples, scenario = run_.samples, run_.scenario
     true_ns = stamps(len(samples), scenario.rate_hz, scenario.start_ns)
@@ -217,15 +225,14 @@ def write_recording(path: str, run_: Simulation, storage: str | None = None, pro
         ("velocity", samples.velocity_m_s, whole),
         ("friction", samples.friction_N, whole),
     ]
-    with writing(path, storage, progress) as writer:
-        for name, value, sent in channels:
-            if value is None:
-                continue
-            stamp_ns = run_.friction_stamp_ns if name == "friction" else samples.stamp_ns
-            topic, kind = TOPICS[name]
-            writer.add_stream(
-                topic, kind, stamp_ns[sent], value[sent], quantity=name, log_time_ns=true_ns[sent], frame_id="rig"
-            )
+    for name, value, sent in channels:
+        if value is None:
+            continue
+        stamp_ns = run_.friction_stamp_ns if name == "friction" else samples.stamp_ns
+        topic, kind = TOPICS[name]
+        writer.add_stream(
+            topic, kind, stamp_ns[sent], value[sent], quantity=name, log_time_ns=true_ns[sent], frame_id="rig"
+        )
 
 
 def _sent(value: Floats | None, every: int) -> Bools:

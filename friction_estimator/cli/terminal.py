@@ -23,7 +23,8 @@ PROGRAM = "friction_estimator"
 
 EXIT_CODES = """exit codes: 0 done; 1 ran, but the data cannot answer (a readable recording without the topics
 or without a usable sample, an undecidable diagnosis); 2 usage or unreadable input; 70 a fault of the
-program (--debug shows the trace); 130 interrupted, 141 the reader of the output went away, 143 terminated"""
+program (--debug shows the trace); 129, 130, 143 hung up, interrupted, terminated;
+141 the reader of the output went away"""
 
 LONGEST_LINE = 20_000
 """Characters of one line of a result: it may hold a command with many recordings, which is copied."""
@@ -90,7 +91,7 @@ def guarded(name: str, body: Callable[[], int], arguments: Sequence[str] = ()) -
     Returns
     -------
     The code of `body`, or that of its failure (`core.errors.exit_code`): 130 for an interrupt, 141 for a reader that
-    went away, 143 for SIGTERM after the temporary files are gone.
+    went away, 143 for SIGTERM and 129 for SIGHUP after the temporary files are gone.
     """
     debug = "--debug" in arguments
     _open_standard_streams()
@@ -190,7 +191,7 @@ def _libraries_quiet(debug: bool) -> Iterator[None]:
 
 @contextmanager
 def _orderly_termination() -> Iterator[None]:
-    """Let SIGTERM unwind the stack, so that nothing temporary stays behind."""
+    """Let SIGTERM and SIGHUP unwind the stack, so that nothing temporary stays behind; `nohup` keeps its meaning."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -198,8 +199,10 @@ def _orderly_termination() -> Iterator[None]:
     def leave(number: int, _frame: object) -> None:
         raise SystemExit(128 + number)
 
-    before = signal.signal(signal.SIGTERM, leave)
+    numbers = [n for n in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(n) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, leave) for number in numbers}
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)

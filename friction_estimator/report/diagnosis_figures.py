@@ -42,6 +42,10 @@ FEWEST_SHOWN = 8.0
 """But at least this many sample periods, or as many times the distance moved in the first."""
 
 
+REMAINDER = "remainder"
+"""Name of the figure of what is left."""
+
+
 def write_diagnosis_figures(result: Diagnosis, folder: str | os.PathLike[str]) -> dict[str, Path]:
     """Draw one figure for each effect and one for what is left; return effect id -> file.
 
@@ -56,7 +60,7 @@ def write_diagnosis_figures(result: Diagnosis, folder: str | os.PathLike[str]) -
         FIGURES[EFFECTS[fault.name].figure](figure, result, fault)
         out[fault.name] = style.save(figure, place / f"{fault.name}.png")
     if result.remainder is not None:
-        out["remainder"] = style.save(_remainder(result), place / "remainder.png")
+        out[REMAINDER] = style.save(_remainder(result), place / f"{REMAINDER}.png")
     return out
 
 

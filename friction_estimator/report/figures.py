@@ -27,6 +27,9 @@ DENSITY_CELLS = (240, 150)
 LEARNED = 0.5
 """Share of the prior's variance that data must have removed for a curve to count as learned there."""
 
+FIGURES = ("signals", "convergence", "friction_map", "taps")
+"""Names of the files that `write_figures` writes."""
+
 
 def write_figures(replay: Replay, folder: str | os.PathLike[str]) -> list[tuple[Path, str]]:
     """Draw every figure of a replay into `folder`; return (file, caption) in the order of reading."""

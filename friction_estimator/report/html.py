@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
 
-from friction_estimator.files import write_text
-
 _STYLE = """
 :root { color-scheme: light; }
 body { font: 15px/1.5 system-ui, sans-serif; color: #1d232a; background: #fff; margin: 0 auto; max-width: 62rem;
@@ -42,14 +40,14 @@ class Section:
 
 
 def write_page(path: str | os.PathLike[str], title: str, lead: str, sections: Iterable[Section]) -> None:
-    """Write the page atomically."""
+    """Write the page."""
     body = "".join(_section(section) for section in sections)
-    write_text(
-        path,
+    Path(path).write_text(
         f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{escape(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n"
         f'<h1>{escape(title)}</h1>\n<p class="lead">{escape(lead)}</p>\n{body}</body>\n</html>\n',
+        encoding="utf-8",
     )
 
 

@@ -10,7 +10,8 @@ mpl.use("Agg")
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
-from friction_estimator.files import atomic_path
+SUFFIXES = (".png",)
+"""Formats of the figures."""
 
 MEASURED = "#8a8f98"
 PREDICTED = "#c8471e"
@@ -43,8 +44,7 @@ mpl.rcParams.update(
 
 
 def save(figure: Figure, path: str | os.PathLike[str]) -> Path:
-    """Write a figure as PNG, atomically; return its path."""
+    """Write a figure as PNG; return its path."""
     target = Path(path)
-    with atomic_path(target) as part:
-        figure.savefig(part, format="png")
+    figure.savefig(target, format="png")
     return target

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from friction_estimator.core.errors import InputError
-from friction_estimator.files import atomic_path
+from friction_estimator.output.target import replacing_file
 
 FORMAT = "friction_estimator/state/1"
 _ARRAY_TYPES = ("float64", "int64", "int32", "bool", "int8")
@@ -55,7 +55,7 @@ def loads(data: bytes, source: str) -> dict[str, Any]:
 def write_state(path: str | os.PathLike[str], data: bytes) -> None:
     """Write a state file atomically; raises InputError where that is impossible."""
     try:
-        with atomic_path(path) as part:
+        with replacing_file(path) as part:
             part.write_bytes(data)
     except OSError as error:
         raise InputError(f"cannot write {path}: {error.strerror}") from error
