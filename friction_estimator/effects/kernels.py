@@ -1,8 +1,8 @@
 """Compiled, causal state machines behind the dynamic effects and their regressors."""
 
 import numpy as np
-from numba import njit
 
+from friction_estimator.compiled import njit
 from friction_estimator.effects.reference import lookup
 
 MOST_STEPS = 64

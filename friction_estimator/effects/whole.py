@@ -9,8 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from friction_estimator.compiled import njit
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.features import Features
 from friction_estimator.effects.kernels import substeps

@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 
+from friction_estimator.compiled import njit
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.model.theory_seal import SealCurve
 from friction_estimator.core.sample import Floats

@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-from numba import njit
 
+from friction_estimator.compiled import njit
 from friction_estimator.core.model.theory_seal import SealCurve
 from friction_estimator.core.sample import Floats
 from friction_estimator.core.settings.groups import SealConfig

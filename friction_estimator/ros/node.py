@@ -7,57 +7,26 @@ ends as cleanly as one that runs (docs/decisions/0031).
 import gc
 import logging
 import os
-import signal
 import sys
-import tempfile
-import traceback
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
+from friction_estimator.ros.stop_signals import StopSignals
 from friction_estimator.threads import one_thread
 
 SPIN_S = 0.1
 """Longest wait in one turn of the spin loop: bounds how late a signal is noticed."""
 
 
-class Stopped(BaseException):
-    """Raised by a signal while the node starts."""
-
-
-class StopSignals:
-    """SIGINT and SIGTERM as a wish to stop: an exception while starting, a flag once running."""
-
-    def __init__(self) -> None:
-        self.stopping = False
-        self._starting = True
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._received)
-
-    def started(self) -> None:
-        """From now on, only note the wish."""
-        self._starting = False
-        if self.stopping:
-            raise Stopped
-
-    def _received(self, _number: int, _frame: FrameType | None) -> None:
-        self.stopping = True
-        if self._starting:
-            self._starting = False
-            raise Stopped
-
-
 def main() -> None:
-    """Run the node until SIGINT or SIGTERM; end the process with 0, or 2 for unusable arguments."""
+    """Run the node until a signal ends it; end the process with 0, 2 for unusable arguments, 70 for a fault."""
     signals = StopSignals()
     one_thread()
     try:
-        code = _run(sys.argv, signals)
-    except Stopped:
+        _run(sys.argv, signals)
         code = 0
-    except Exception:
-        traceback.print_exc()
-        code = 1
+    except Exception as error:
+        code = _failed(error)
     # All is saved and shut down; taking the interpreter apart (numba, LLVM) can last seconds on a busy machine.
     logging.shutdown()
     sys.stdout.flush()
@@ -65,22 +34,45 @@ def main() -> None:
     os._exit(code)
 
 
-def _run(arguments: list[str], signals: StopSignals) -> int:
-    import rclpy  # noqa: PLC0415 - after the signal handlers
+def _failed(error: Exception) -> int:
+    """Tell a failure in one line; return its exit code."""
+    import traceback  # noqa: PLC0415 - seldom needed
+
+    from friction_estimator.core.errors import FAULT, exit_code, sentence  # noqa: PLC0415
+
+    code, debug = exit_code(error), "--debug" in sys.argv
+    if debug:
+        traceback.print_exception(error)
+    hint = "" if debug or code != FAULT else "; --debug shows the trace, please report it"
+    print(f"friction_estimator: {sentence(error)}{hint}", file=sys.stderr)
+    return code
+
+
+def _run(arguments: list[str], signals: StopSignals) -> None:
+    """Run the node; raises InputError for arguments and names that rcl refuses."""
+    import tempfile  # noqa: PLC0415 - after the signal handlers
+
+    import rclpy  # noqa: PLC0415
+    from rclpy.exceptions import NameValidationException  # noqa: PLC0415
     from rclpy.signals import SignalHandlerOptions  # noqa: PLC0415
 
+    from friction_estimator.core.errors import InputError  # noqa: PLC0415
     from friction_estimator.ros.arguments import params_files, repaired  # noqa: PLC0415
     from friction_estimator.ros.estimator_node import EstimatorNode  # noqa: PLC0415
 
     with tempfile.TemporaryDirectory(prefix="friction_estimator-") as folder:
+        signals.scratch = folder
         try:
             rclpy.init(args=repaired(arguments, Path(folder)), signal_handler_options=SignalHandlerOptions.NO)
         except RuntimeError as error:
-            print(f"friction_estimator: {error}", file=sys.stderr)
-            return 2
+            raise InputError(str(error)) from error
+    signals.scratch = ""
     node: EstimatorNode | None = None
     try:
-        node = EstimatorNode(params_files(arguments))
+        try:
+            node = EstimatorNode(params_files(arguments))
+        except NameValidationException as error:
+            raise InputError(str(error), remedy="correct the name in the arguments of the start") from error
         # What exists now stays: no full collection shall walk through it while samples wait.
         gc.collect()
         gc.freeze()
@@ -91,7 +83,6 @@ def _run(arguments: list[str], signals: StopSignals) -> int:
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
-    return 0
 
 
 def spin(node: Any, signals: StopSignals) -> None:

@@ -13,9 +13,9 @@ the velocities seen the band widens with the distance.
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from scipy.ndimage import maximum_filter1d
 
+from friction_estimator.compiled import njit
 from friction_estimator.core.fit.posterior import COLOUR
 from friction_estimator.core.model.basis import Basis
 from friction_estimator.core.model.prior import Prior

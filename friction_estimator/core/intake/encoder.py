@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from friction_estimator.compiled import njit
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Ints, Samples
 
 LARGEST_POSITION = 1e12

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from friction_estimator.compiled import njit
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Ints
 from friction_estimator.core.settings.groups import SyncConfig
 

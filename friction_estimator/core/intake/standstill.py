@@ -6,8 +6,8 @@ below what its velocity channel resolves, for longer than a smooth passage throu
 """
 
 import numpy as np
-from numba import njit
 
+from friction_estimator.compiled import njit
 from friction_estimator.core.sample import Bools, Floats, Samples
 
 REST_SHARE = 5e-4

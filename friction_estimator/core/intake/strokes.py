@@ -1,8 +1,8 @@
 """Strokes of a drive: where it reverses, told with hysteresis so that noise about zero reverses nothing."""
 
 import numpy as np
-from numba import njit
 
+from friction_estimator.compiled import njit
 from friction_estimator.core.sample import Bools, Floats, Ints, Samples
 from friction_estimator.core.settings.units import rest_noise, robust_top
 

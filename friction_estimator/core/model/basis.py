@@ -9,9 +9,9 @@ from typing import Any, Protocol
 
 import numpy as np
 import pywt
-from numba import njit
 from numpy.typing import NDArray
 
+from friction_estimator.compiled import njit
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.registry import Registry
 from friction_estimator.core.sample import Floats

@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from friction_estimator.compiled import njit
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.sample import Floats
 

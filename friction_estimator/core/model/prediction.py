@@ -12,8 +12,8 @@ compiled in. After an edit here delete __pycache__ of core/online/, or the old c
 """
 
 import numpy as np
-from numba import njit
 
+from friction_estimator.compiled import njit
 from friction_estimator.core.sample import Floats, Ints
 
 TAPS, WEIGHTS, THEORY_TAPS, EXTENSIONS = range(4)

@@ -3,8 +3,9 @@
 import math
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
+from friction_estimator.compiled import njit
 from friction_estimator.core.model.oil import (
     HIGHEST_TEMPERATURE_DEGC,
     HIGHEST_VISCOSITY_CST,

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numba import njit, types
+from numba import types
 from numpy.typing import NDArray
 
+from friction_estimator.compiled import njit
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.model.oil import KELVIN, checked_temperature
 from friction_estimator.core.model.theory_seal import LOWEST_GAUGE_PRESSURE_PA

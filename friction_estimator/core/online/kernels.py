@@ -6,8 +6,8 @@ for bit. `model.prediction` has the prediction and its gradient x, the regressor
 """
 
 import numpy as np
-from numba import njit
 
+from friction_estimator.compiled import njit
 from friction_estimator.core.fit.band import EXTRAPOLATION, note_error, usual_variance
 from friction_estimator.core.fit.posterior import COLOUR
 from friction_estimator.core.intake.standstill import stands, stopping

@@ -1,0 +1,228 @@
+"""`njit` as everywhere in this package: numba's, with a cache that no damage, no missing permission and no full disk
+can turn into a failure (docs/decisions/0060).
+
+numba's own cache ends the program where it finds no folder to write to, where a file in it was cut short and where
+the disk is full. Here the folder is chosen once, each compiled form is one file with a checksum, and whatever cannot
+be read or written is compiled anew.
+"""
+
+import contextlib
+import hashlib
+import os
+import pickle
+import stat
+import tempfile
+import time
+from collections.abc import Callable
+from functools import cache as remembered
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator, _SourceFileBackedLocatorMixin
+from numba.core.serialize import dumps
+
+NAME = "friction_estimator"
+
+IN_TREE = "__pycache__"
+
+CHECKSUM_BYTES = hashlib.sha256().digest_size
+
+ABANDONED_S = 600.0
+"""A file that is being written takes milliseconds; one of this age was left by a process that was killed."""
+
+
+def njit(*signatures: Any, cache: bool = False, **options: Any) -> Any:
+    """Compile a function in numba's nopython mode.
+
+    Parameters
+    ----------
+    signatures : one, to compile at once; none, to compile for the arguments of each first call.
+    cache : keep the compiled forms on disk.
+    options : as of `numba.njit`.
+
+    Examples
+    --------
+    >>> @njit(cache=True)
+    ... def doubled(x):
+    ...     return 2 * x
+    >>> doubled(21)
+    42
+    """
+
+    def compiled(function: Callable[..., Any]) -> Any:
+        dispatcher = numba.njit(**options)(function)
+        if cache and hasattr(dispatcher, "enable_caching"):  # a plain function where NUMBA_DISABLE_JIT is set
+            with contextlib.suppress(RuntimeError):  # no folder for it: compiled at every start
+                dispatcher._cache = _CheckedCache(function)
+        for signature in signatures:
+            dispatcher.compile(signature)
+        if signatures and hasattr(dispatcher, "disable_compile"):
+            dispatcher.disable_compile()
+        return dispatcher
+
+    return compiled
+
+
+def cache_folder(source: Path) -> Path | None:
+    """Return the folder for what is compiled from `source`; None where nothing can be written.
+
+    The first that can be written to: NUMBA_CACHE_DIR; `__pycache__` beside the source; the user's cache; a folder in
+    the temporary one that belongs to this user alone.
+    """
+    return _usable_folder(source.parent)
+
+
+@remembered
+def _usable_folder(folder: Path) -> Path | None:
+    for candidate in _candidates(folder):
+        try:
+            candidate.mkdir(parents=True, exist_ok=True)
+            tempfile.TemporaryFile(dir=candidate).close()
+        except OSError:
+            continue
+        return candidate
+    return None
+
+
+def _candidates(folder: Path) -> list[Path]:
+    # The source's folder is told apart by its path, as numba does.
+    inside = f"{folder.name}_{hashlib.sha256(os.fsencode(folder)).hexdigest()[:16]}"
+    found = []
+    if given := os.environ.get("NUMBA_CACHE_DIR"):
+        found.append(Path(given).absolute() / inside)
+    found.append(folder / IN_TREE)
+    home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
+    if os.path.isabs(home):  # a user without a home leaves the tilde as it is
+        found.append(Path(home) / NAME / inside)
+    if temporary := private_folder():
+        found.append(temporary / inside)
+    return found
+
+
+def private_folder() -> Path | None:
+    """Return this user's own folder in the temporary one; None where there is none that nobody else can write to.
+
+    What is read from the cache is executed, so a folder that another user made in advance must not be taken.
+    """
+    try:
+        temporary = Path(tempfile.gettempdir())
+        if temporary == Path.cwd():  # its last resort, which is no place for this
+            return None
+        folder = temporary / f"{NAME}-{os.getuid()}"
+        with contextlib.suppress(FileExistsError):
+            folder.mkdir(mode=0o700)
+        found = folder.lstat()
+    except OSError:
+        return None
+    own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077
+    return folder if own else None
+
+
+class _Locator(_SourceFileBackedLocatorMixin, _CacheLocator):  # type: ignore[misc]
+    """Where the compiled forms of one function are; stamp and disambiguator of the source are numba's."""
+
+    def __init__(self, function: Callable[..., Any], source: str, folder: Path) -> None:
+        self._py_file = source
+        self._lineno = function.__code__.co_firstlineno
+        self._folder = folder
+        self.beside = Path(source).parent / IN_TREE
+
+    def get_cache_path(self) -> str:
+        return str(self._folder)
+
+    @classmethod
+    def from_function(cls, function: Callable[..., Any], source: str) -> "_Locator | None":
+        folder = cache_folder(Path(source)) if os.path.exists(source) else None
+        return None if folder is None else cls(function, source, folder)
+
+
+class _Located(CompileResultCacheImpl):  # type: ignore[misc]
+    _locator_classes = (_Locator,)
+
+
+class _CheckedCache(FunctionCache):  # type: ignore[misc]
+    """Compiled forms of one function, each in a file of its own; see `_Files`."""
+
+    _impl_class = _Located
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        locator = self._impl.locator
+        stamp = repr(locator.get_source_stamp())
+        self._cache_file = _Files(Path(self._cache_path), locator.beside, self._impl.filename_base, stamp)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return a compiled form, None where there is none that can be used."""
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:  # whatever numba or pickle say of it: compiling anew is always possible
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep a compiled form where that is possible."""
+        with contextlib.suppress(OSError):
+            super().save_overload(sig, data)
+
+
+class _Files:
+    """The compiled forms of one function on disk.
+
+    A file holds the checksum of all that follows, a line that says what it was compiled from and for, and numba's
+    pickle. There is no index that two starting programs could overwrite for each other.
+
+    Parameters
+    ----------
+    folder, name : the files are `folder/name.*.nbc`.
+    beside : read too: an installation that was warmed before it became read-only.
+    stamp : tells versions of the source apart.
+    """
+
+    def __init__(self, folder: Path, beside: Path, name: str, stamp: str) -> None:
+        self._folder, self._beside, self._name, self._stamp = folder, beside, name, stamp
+
+    def _place(self, key: tuple[Any, ...]) -> tuple[str, bytes]:
+        """Return the file's name for a key of numba (signature, processor, code), and the line that it must hold."""
+        signature, processor, code = key
+        place = repr((str(signature), processor))
+        digest = hashlib.sha256(place.encode()).hexdigest()[:16]
+        line = repr((numba.__version__, self._stamp, place, code)).encode() + b"\n"
+        return f"{self._name}.{digest}.nbc", line
+
+    def load(self, key: tuple[Any, ...]) -> Any:
+        """Return what was saved under this key; None where it is missing, of another source, or damaged."""
+        name, line = self._place(key)
+        for folder in (self._folder, self._beside):
+            try:
+                content = (folder / name).read_bytes()
+            except OSError:
+                continue
+            checksum, body = content[:CHECKSUM_BYTES], content[CHECKSUM_BYTES:]
+            if hashlib.sha256(body).digest() == checksum and body.startswith(line):
+                return pickle.loads(body[len(line) :])
+        return None
+
+    def save(self, key: tuple[Any, ...], data: Any) -> None:
+        """Write a compiled form, whole or not at all; raises OSError."""
+        name, line = self._place(key)
+        self._sweep()
+        body = line + dumps(data)
+        part = self._folder / f"{name}.{os.getpid()}.part"
+        try:
+            part.write_bytes(hashlib.sha256(body).digest() + body)
+            part.replace(self._folder / name)
+        except OSError:
+            with contextlib.suppress(OSError):
+                part.unlink()
+            raise
+
+    def flush(self) -> None:
+        """Remove all compiled forms of this function."""
+        for path in self._folder.glob(f"{self._name}.*.nbc"):
+            path.unlink(missing_ok=True)
+
+    def _sweep(self) -> None:
+        for path in self._folder.glob(f"{self._name}.*.part"):
+            with contextlib.suppress(OSError):
+                if time.time() - path.stat().st_mtime > ABANDONED_S:
+                    path.unlink()

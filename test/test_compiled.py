@@ -1,0 +1,174 @@
+"""The cache of compiled code: found where it can be, never trusted where it is damaged, never a reason to fail."""
+
+import os
+import runpy
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import pytest
+
+from friction_estimator import compiled
+
+SOURCE = """
+from friction_estimator.compiled import njit
+
+@njit(cache=True)
+def tripled(x):
+    return 3 * x
+
+assert tripled(14) == 42
+assert tripled(0.5) == 1.5
+hits = sum(tripled.stats.cache_hits.values())
+"""
+
+
+@pytest.fixture
+def module(tmp_path, monkeypatch):
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    path = tmp_path / "module.py"
+    path.write_text(SOURCE)
+    return path
+
+
+def run(module):
+    """Run it as a new start would; return how many of its two compiled forms were found in the cache."""
+    compiled._usable_folder.cache_clear()
+    try:
+        return runpy.run_path(str(module))["hits"]
+    finally:
+        compiled._usable_folder.cache_clear()
+
+
+def kept(module):
+    return sorted((module.parent / "__pycache__").glob("*.nbc"))
+
+
+def test_what_was_compiled_is_found_again(module):
+    assert run(module) == 0
+    assert len(kept(module)) == 2
+    assert run(module) == 2
+    module.write_text(SOURCE.replace("3 * x", "2 * x + x"))
+    assert run(module) == 0
+    assert len(kept(module)) == 2  # overwritten
+
+
+def damages(content):
+    yield b""
+    yield content[: len(content) // 2]
+    yield content[:-1]
+    middle = len(content) // 2
+    yield content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
+    yield os.urandom(len(content))
+    yield bytes(len(content))
+
+
+def test_a_damaged_file_is_compiled_anew(module):
+    run(module)
+    first, second = kept(module)
+    good = first.read_bytes()
+    for content in damages(good):
+        first.write_bytes(content)
+        assert run(module) == 1
+        assert run(module) == 2  # written anew
+    # The form of another signature, whole and with a checksum that fits.
+    first.write_bytes(second.read_bytes())
+    assert run(module) == 1
+    first.unlink()
+    first.mkdir()
+    assert run(module) == 1
+
+
+@pytest.fixture
+def blocked(module, monkeypatch):
+    """A machine where nothing can be written: neither beside the source nor in a home."""
+    (module.parent / "__pycache__").write_text("no folder")
+    for name in ("HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR"):
+        monkeypatch.setenv(name, str(module))  # a file
+    return module
+
+
+def test_the_last_resort_is_a_private_temporary_folder(blocked, tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    assert run(blocked) == 0
+    own = tmp_path / f"friction_estimator-{os.getuid()}"
+    assert own.stat().st_mode & 0o777 == 0o700
+    assert run(blocked) == 2
+
+
+def test_without_any_folder_it_runs_and_leaves_nothing(blocked, tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(blocked))
+    before = set(tmp_path.iterdir())
+    assert run(blocked) == run(blocked) == 0
+    # What tempfile falls back to where there is no temporary folder at all is the present one.
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    assert run(blocked) == 0
+    assert set(tmp_path.iterdir()) == before
+
+
+def test_a_home_without_a_place_gets_no_folder(module, tmp_path, monkeypatch):
+    """As for a user that no passwd knows, whose tilde stays as it is: nothing is made where the program was started."""
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setenv("HOME", "nowhere")
+    assert all(path.is_absolute() for path in compiled._candidates(tmp_path))
+
+
+@pytest.mark.parametrize("prepare", ["others may write", "a link", "a file"])
+def test_a_folder_that_others_may_write_to_is_not_taken(tmp_path, monkeypatch, prepare):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    folder = tmp_path / f"friction_estimator-{os.getuid()}"
+    if prepare == "others may write":
+        folder.mkdir()
+        folder.chmod(0o777)
+    elif prepare == "a link":
+        (tmp_path / "elsewhere").mkdir(mode=0o700)
+        folder.symlink_to(tmp_path / "elsewhere")
+    else:
+        folder.write_text("")
+    assert compiled.private_folder() is None
+
+
+LIMITED = """
+import resource, runpy, signal, sys
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (64, 64))
+runpy.run_path(sys.argv[1])
+"""
+
+
+def test_a_full_disk_costs_the_cache_only(module):
+    """A limit on the size of files stands for the disk: the write ends in the middle, with an error."""
+    root = str(Path(compiled.__file__).parents[1])
+    ended = subprocess.run(
+        [sys.executable, "-c", LIMITED, module],
+        env=os.environ | {"PYTHONPATH": root, "PYTHONDONTWRITEBYTECODE": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert not list((module.parent / "__pycache__").iterdir())
+
+
+def test_what_killed_writers_left_is_swept(module):
+    run(module)
+    (first, _) = kept(module)
+    old, new = (first.with_name(f"{first.name}.{number}.part") for number in (1, 2))
+    for path in (old, new):
+        path.write_bytes(b"half")
+    past = time.time() - 2 * compiled.ABANDONED_S
+    os.utime(old, (past, past))
+    first.unlink()
+    run(module)
+    assert not old.exists()
+    assert new.exists()
+
+
+def test_a_warm_installation_that_became_read_only_is_read(module, tmp_path, monkeypatch):
+    run(module)
+    # As where __pycache__ cannot be written to: another folder comes first, and what lies beside is found.
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "other"))
+    assert run(module) == 2
