@@ -20,9 +20,12 @@ from typing import Any
 
 import numba
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator, _SourceFileBackedLocatorMixin
+from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps
 
 NAME = "friction_estimator"
+
+GIVEN = "NUMBA_CACHE_DIR"
 
 IN_TREE = "__pycache__"
 
@@ -86,10 +89,8 @@ def _usable_folder(folder: Path) -> Path | None:
 
 
 def _candidates(folder: Path) -> list[Path]:
-    # The source's folder is told apart by its path, as numba does.
-    inside = f"{folder.name}_{hashlib.sha256(os.fsencode(folder)).hexdigest()[:16]}"
-    found = []
-    if given := os.environ.get("NUMBA_CACHE_DIR"):
+    inside, found = subfolder(folder), []
+    if given := os.environ.get(GIVEN):
         found.append(Path(given).absolute() / inside)
     found.append(folder / IN_TREE)
     home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
@@ -98,6 +99,11 @@ def _candidates(folder: Path) -> list[Path]:
     if temporary := private_folder():
         found.append(temporary / inside)
     return found
+
+
+def subfolder(folder: Path) -> str:
+    """Return the name of the cache folder that stands for a folder of sources."""
+    return f"{folder.name}_{hashlib.sha256(os.fsencode(folder)).hexdigest()[:16]}"
 
 
 def private_folder() -> Path | None:
@@ -120,13 +126,14 @@ def private_folder() -> Path | None:
 
 
 class _Locator(_SourceFileBackedLocatorMixin, _CacheLocator):  # type: ignore[misc]
-    """Where the compiled forms of one function are; stamp and disambiguator of the source are numba's."""
+    """Where the compiled forms of one function are; what tells functions of one name apart is numba's."""
 
     def __init__(self, function: Callable[..., Any], source: str, folder: Path) -> None:
         self._py_file = source
         self._lineno = function.__code__.co_firstlineno
         self._folder = folder
-        self.beside = Path(source).parent / IN_TREE
+        # An installation that was warmed before it became read-only, unless the user wants another place.
+        self.readable = [folder] if os.environ.get(GIVEN) else [folder, Path(source).parent / IN_TREE]
 
     def get_cache_path(self) -> str:
         return str(self._folder)
@@ -148,9 +155,7 @@ class _CheckedCache(FunctionCache):  # type: ignore[misc]
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
-        locator = self._impl.locator
-        stamp = repr(locator.get_source_stamp())
-        self._cache_file = _Files(Path(self._cache_path), locator.beside, self._impl.filename_base, stamp)
+        self._cache_file = _Files(self._impl.locator.readable, self._impl.filename_base, _stamp(function))
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return a compiled form, None where there is none that can be used."""
@@ -165,6 +170,27 @@ class _CheckedCache(FunctionCache):  # type: ignore[misc]
             super().save_overload(sig, data)
 
 
+def _stamp(function: Callable[..., Any]) -> str:
+    """Return a digest of the source files of a function and of all compiled ones that it can call.
+
+    numba looks at the function's own file only, and so runs old code where a function that it calls has changed.
+    """
+    files: set[str] = set()
+    waiting = [function]
+    while waiting:
+        one = waiting.pop()
+        if one.__code__.co_filename in files:
+            continue
+        files.add(one.__code__.co_filename)
+        waiting += [known.py_func for known in one.__globals__.values() if isinstance(known, Dispatcher)]
+    return hashlib.sha256(b"".join(map(_digest, sorted(files)))).hexdigest()
+
+
+@remembered
+def _digest(file: str) -> bytes:
+    return hashlib.sha256(Path(file).read_bytes()).digest()
+
+
 class _Files:
     """The compiled forms of one function on disk.
 
@@ -173,13 +199,12 @@ class _Files:
 
     Parameters
     ----------
-    folder, name : the files are `folder/name.*.nbc`.
-    beside : read too: an installation that was warmed before it became read-only.
+    folders, name : the files are `folder/name.*.nbc`; written to the first folder, read from all.
     stamp : tells versions of the source apart.
     """
 
-    def __init__(self, folder: Path, beside: Path, name: str, stamp: str) -> None:
-        self._folder, self._beside, self._name, self._stamp = folder, beside, name, stamp
+    def __init__(self, folders: list[Path], name: str, stamp: str) -> None:
+        self._folder, self._readable, self._name, self._stamp = folders[0], folders, name, stamp
 
     def _place(self, key: tuple[Any, ...]) -> tuple[str, bytes]:
         """Return the file's name for a key of numba (signature, processor, code), and the line that it must hold."""
@@ -192,7 +217,7 @@ class _Files:
     def load(self, key: tuple[Any, ...]) -> Any:
         """Return what was saved under this key; None where it is missing, of another source, or damaged."""
         name, line = self._place(key)
-        for folder in (self._folder, self._beside):
+        for folder in self._readable:
             try:
                 content = (folder / name).read_bytes()
             except OSError:

@@ -64,12 +64,12 @@ def reserved_domain() -> Iterator[int]:
 
 
 class Process:
-    """A child process whose output is kept."""
+    """A child process whose output is kept; `options` are those of `subprocess.Popen`."""
 
-    def __init__(self, command: list[str], environment: dict[str, str], log: Path) -> None:
+    def __init__(self, command: list[str], environment: dict[str, str], log: Path, **options: Any) -> None:
         self.log = log
         with log.open("wb") as sink:
-            self.popen = subprocess.Popen(command, env=environment, stdout=sink, stderr=subprocess.STDOUT)
+            self.popen = subprocess.Popen(command, env=environment, stdout=sink, stderr=subprocess.STDOUT, **options)
 
     @property
     def pid(self) -> int:
@@ -176,8 +176,9 @@ class Graph:
         deep: bool = True,
         units: bool = True,
         ready: bool = True,
+        limit_s: float = LIMIT_S,
     ) -> Process:
-        """Start the node under test with these parameters; return when it listens.
+        """Start the node under test with these parameters; return when it listens, which has to be within `limit_s`.
 
         Without `units` the first contact chooses them.
         """
@@ -194,7 +195,7 @@ class Graph:
             ros += ["-r", f"__ns:={namespace}"]
         process = self.start("-m", "friction_estimator.ros.node", *ros, *arguments)
         if ready:
-            process.says("listening")
+            process.says("listening", limit_s)
         return process
 
     # --- topics ------------------------------------------------------------------------------------------------

@@ -1,5 +1,6 @@
 """The cache of compiled code: found where it can be, never trusted where it is damaged, never a reason to fail."""
 
+import importlib
 import os
 import runpy
 import subprocess
@@ -36,6 +37,7 @@ def module(tmp_path, monkeypatch):
 def run(module):
     """Run it as a new start would; return how many of its two compiled forms were found in the cache."""
     compiled._usable_folder.cache_clear()
+    compiled._digest.cache_clear()
     try:
         return runpy.run_path(str(module))["hits"]
     finally:
@@ -53,6 +55,30 @@ def test_what_was_compiled_is_found_again(module):
     module.write_text(SOURCE.replace("3 * x", "2 * x + x"))
     assert run(module) == 0
     assert len(kept(module)) == 2  # overwritten
+
+
+def test_an_edit_of_what_a_function_calls_is_noticed(module, tmp_path, monkeypatch):
+    """By numba's own cache it is not: the function's own file has not changed."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+    helper = tmp_path / "helper_of_compiled.py"
+
+    def called(factor):
+        helper.write_text(
+            "from friction_estimator.compiled import njit\n\n@njit(cache=True)\n"
+            f"def scaled(x):\n    return {factor} * x\n"
+        )
+        sys.modules.pop("helper_of_compiled", None)
+        importlib.invalidate_caches()
+        compiled._digest.cache_clear()
+        return runpy.run_path(str(module))["result"]
+
+    module.write_text(
+        "from friction_estimator.compiled import njit\nfrom helper_of_compiled import scaled\n\n"
+        "@njit(cache=True)\ndef outer(x):\n    return scaled(x)\n\nresult = outer(2)\n"
+    )
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    assert called(3) == 6
+    assert called(5) == 10
 
 
 def damages(content):
@@ -88,6 +114,14 @@ def blocked(module, monkeypatch):
     for name in ("HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR"):
         monkeypatch.setenv(name, str(module))  # a file
     return module
+
+
+def test_a_folder_that_the_user_names_is_the_only_one(module, tmp_path, monkeypatch):
+    assert run(module) == 0
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "given"))
+    assert run(module) == 0
+    assert run(module) == 2
+    assert len(list((tmp_path / "given").rglob("*.nbc"))) == 2
 
 
 def test_the_last_resort_is_a_private_temporary_folder(blocked, tmp_path, monkeypatch):
@@ -165,10 +199,3 @@ def test_what_killed_writers_left_is_swept(module):
     run(module)
     assert not old.exists()
     assert new.exists()
-
-
-def test_a_warm_installation_that_became_read_only_is_read(module, tmp_path, monkeypatch):
-    run(module)
-    # As where __pycache__ cannot be written to: another folder comes first, and what lies beside is found.
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "other"))
-    assert run(module) == 2
