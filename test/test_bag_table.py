@@ -12,7 +12,7 @@ from friction_estimator.bag.read import read_recording
 from friction_estimator.bag.samples import to_samples
 from friction_estimator.bag.table import GAP_PERIODS, RESTART_GAP_S, TableSpec, read_table
 from friction_estimator.bag.write import write_samples
-from friction_estimator.core.errors import InputError, UnanswerableError
+from friction_estimator.core.errors import FrictionEstimatorError, InputError, UnanswerableError
 from friction_estimator.core.sample import NS_PER_S
 from friction_estimator.core.settings.config import Config
 
@@ -218,6 +218,31 @@ def test_missing_duplicate_and_backward_rows_are_left_out_and_counted(tmp_path):
     assert (report.duplicate, report.backward, report.pieces) == (1, 1, 1)
     assert report.not_held == {"pressure": 1}
     assert np.isnan(samples.pressure_Pa[1])
+
+
+def test_infinite_rows_are_left_out_and_counted_by_what_is_infinite(tmp_path):
+    text = "t,v,f,p\n0,1,1,1e5\ninf,2,2,1e5\n-inf,3,3,1e5\n0.1,inf,4,1e5\n0.2,5,1e300,1e5\n0.3,6,6,inf\n,7,7,1e5\n"
+    spec = TableSpec("t", {"friction": "f", "velocity": "v", "pressure": "p"})
+    samples, report = read_table(table(tmp_path, text), spec)
+    assert samples.velocity_m_s.tolist() == [1, 6]
+    assert report.infinite == {"time": 2, "velocity": 1, "friction": 1}
+    assert (report.missing, report.not_held, report.warnings) == ({"time": 1}, {"pressure": 1}, ())
+    assert np.isnan(samples.pressure_Pa[1])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("t,v,f\n-1e18,1,2\n1,2,3\n2,3,4\n", "--time t runs from -1e+18 to 2 s, beyond what a stamp can hold"),
+        ("t,v,f\n0,1,2\n1,2,3\n-1e300,3,4\n3,4,5\n", "--time t runs from -1e+300 to 3 s, beyond what a stamp"),
+        ("t,v,f\n0,inf,2\n1,1,-inf\n", "no usable row: 1 with infinite velocity, 1 with infinite friction"),
+    ],
+)
+def test_what_is_said_of_an_absurd_table_is_true(tmp_path, text, message):
+    path = table(tmp_path, text)
+    with pytest.raises(FrictionEstimatorError) as caught:
+        read_table(path, SPEC)
+    assert str(caught.value).startswith(f"{path}: {message}")
 
 
 @st.composite

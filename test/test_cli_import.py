@@ -46,7 +46,7 @@ def test_a_table_becomes_a_recording(tmp_path, table, capsys, storage):
     assert summary["missing"] == {"velocity": 1}
     assert summary["backward"] == 2
     assert "missing samples (rows left out): 1 empty velocity, 2 backward time" in printed.err
-    assert "pressure: 1 empty cells; the last value is held" in printed.err
+    assert "pressure: 1 empty or infinite cells; the last value is held" in printed.err
 
     admitted = to_samples(read_recording(out), Config())
     np.testing.assert_allclose(admitted.samples.velocity_m_s, [0.010, 0.020, 0.040])

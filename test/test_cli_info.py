@@ -39,6 +39,29 @@ def info(path, capsys, *words):
     return code, json.loads(printed.out), printed.err
 
 
+def test_a_type_that_is_no_text_is_shown_as_it_stands(tmp_path, capsys):
+    """metadata.yaml of a recording is edited by people: `type: 1.5` is a number."""
+    path = tmp_path / "bag"
+    write_samples(path, drive(sine(2000), pressure_Pa=np.full(2000, 1e5)))
+    about = path / "metadata.yaml"
+    text = about.read_text()
+    assert "sensor_msgs/msg/FluidPressure" in text
+    about.write_text(text.replace("sensor_msgs/msg/FluidPressure", "1.5"))
+    assert main(["info", str(path)]) == 0
+    assert "/pressure  1.5  2000" in capsys.readouterr().out
+
+
+def test_a_channel_of_absurd_values_is_told_and_not_used(tmp_path, capsys):
+    write_samples(
+        tmp_path / "bag", drive(sine(2000), pressure_Pa=np.full(2000, 1e308), position_m=np.full(2000, -1e308))
+    )
+    code, result, _ = info(tmp_path / "bag", capsys)
+    assert code == 0
+    assert result["inputs"]["pressure"]["infinite"] == 2000
+    assert sum("2000 of 2000 values of " in note for note in result["notes"]) == 2
+    assert result["excitation"]["channels"] == ["velocity", "friction"]
+
+
 # Figures of one stream
 
 

@@ -5,6 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from friction_estimator.core.errors import UnanswerableError
 from friction_estimator.core.intake.encoder import wraps_undone
 from friction_estimator.core.sample import NS_PER_S, Samples
 from friction_estimator.core.settings.config import Config
@@ -14,6 +15,12 @@ from friction_estimator.diagnosis.record import blocks, build_record
 from friction_estimator.effects.features import FeatureMaker
 
 RATE_HZ = 100
+
+
+def test_constant_friction_has_nothing_to_explain():
+    samples = replace(recorded(), friction_N=np.full(len(recorded()), 3.3))
+    with pytest.raises(UnanswerableError, match=r"friction is constant at 3\.3 N in all 6000 samples"):
+        build_record([samples], Config())
 
 
 def recorded(seconds=60.0, period_s=4.0, noise=0.0, pauses=(), origin=0.0, seed=0):

@@ -49,6 +49,34 @@ def test_a_repeated_message_of_one_stream_only_is_a_duplicate():
     assert intake.counts == {"used": 2, "duplicate_stamp": 1}
 
 
+@pytest.mark.parametrize("absurd", [np.inf, -np.inf, 1e308, -2e12])
+def test_magnitudes_that_no_sensor_reads_are_refused_as_infinite(absurd):
+    intake = Intake(Config())
+    events = [(VELOCITY, 1, absurd), (FRICTION, 1, 1.0), (VELOCITY, 2, 0.1), (FRICTION, 2, absurd), *both([3])]
+    assert push_all(intake, events) == [3]
+    assert intake.counts == {"used": 1, "infinite": 2}
+
+
+@pytest.mark.parametrize("absurd", [np.nan, np.inf, 1e308, -2e12])
+def test_a_held_channel_passes_over_them(absurd):
+    intake = Intake(Config())
+    for stream, value in ((PRESSURE, absurd), (POSITION, 0.25), (POSITION, absurd), (VELOCITY, 0.1)):
+        intake.push(stream, MS, value)
+    samples = intake.push(FRICTION, MS, 1.0)
+    assert np.isnan(samples.pressure_Pa[0])
+    assert samples.position_m[0] == 0.25
+
+
+def test_magnitudes_whose_squares_underflow_are_zero():
+    intake = Intake(Config())
+    intake.push(VELOCITY, MS, -1e-300)
+    samples = intake.push(FRICTION, MS, 5e-324)
+    assert (samples.velocity_m_s[0], samples.friction_N[0]) == (0.0, 0.0)
+    intake.push(VELOCITY, 2 * MS, -1e-29)
+    samples = intake.push(FRICTION, 2 * MS, 1e-29)
+    assert (samples.velocity_m_s[0], samples.friction_N[0]) == (-1e-29, 1e-29)
+
+
 def test_bag_loop_keeps_every_sample_and_restarts():
     intake = Intake(Config())
     stamps = [*range(1, 3001), *range(1, 3001)]

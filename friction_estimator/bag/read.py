@@ -20,7 +20,7 @@ from friction_estimator.bag.messages import (
 from friction_estimator.bag.source import Source, Topic
 from friction_estimator.bag.topics import JOINT_STATES, REQUIRED, Probe, assign
 from friction_estimator.core.errors import FrictionEstimatorError, InputError, UnanswerableError
-from friction_estimator.core.intake.pairing import STREAMS
+from friction_estimator.core.intake.pairing import LARGEST_VALUE, STREAMS
 from friction_estimator.core.sample import Floats, Ints
 from friction_estimator.core.settings.groups import InputConfig
 
@@ -162,7 +162,13 @@ def read_recording(
             if name not in builders:
                 continue
             try:
-                streams[name] = builders[name].stream()
+                streams[name] = stream = builders[name].stream()
+                unusable = int(np.count_nonzero(~(np.abs(stream.value) <= LARGEST_VALUE)))
+                if unusable and name not in REQUIRED:
+                    notes.append(
+                        f"{name}: {unusable} of {len(stream)} values of {stream.topic} are no number, infinite or "
+                        "beyond what a sensor reads: they are passed over"
+                    )
             except (InputError, UnanswerableError) as error:
                 if name in REQUIRED or name in chosen.explicit:
                     failures.append(error)

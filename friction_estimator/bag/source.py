@@ -68,7 +68,8 @@ class Source:
             self._reader: Reader1 | Reader2 = Reader1(self.path) if self.ros1 else Reader2(self.path)
             self._reader.open()
             self.topics = tuple(
-                Topic(name, info.msgtype or "", info.msgcount) for name, info in sorted(self._reader.topics.items())
+                Topic(name, str(info.msgtype or ""), info.msgcount)
+                for name, info in sorted(self._reader.topics.items())
             )
 
     def __enter__(self) -> "Source":

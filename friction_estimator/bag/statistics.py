@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from friction_estimator.bag.read import Stream
+from friction_estimator.core.intake.pairing import LARGEST_VALUE
 from friction_estimator.core.sample import NS_PER_S, Floats
 from friction_estimator.core.settings.groups import SyncConfig
 
@@ -25,7 +26,7 @@ class StreamStatistics:
     zero_stamps, duplicate_stamps, backward_stamps, clock_jumps : stamps of zero, equal to the one before, before it
         by less than `sync.jump_back`, by at least that.
     delay_s : median of time of recording less stamp.
-    nan, infinite : values.
+    nan, infinite : values; infinite is whatever exceeds `LARGEST_VALUE`, as in the intake.
     lowest, highest : of the finite values, in SI units.
     """
 
@@ -60,7 +61,7 @@ def describe(stream: Stream, sync: SyncConfig) -> StreamStatistics:
     forward = step[step > 0]
     period_ns = float(np.median(forward)) if forward.size else np.nan
     regular = forward[forward <= sync.gap_factor * period_ns]
-    finite = stream.value[np.isfinite(stream.value)]
+    finite = stream.value[np.abs(stream.value) <= LARGEST_VALUE]
     jump_ns = sync.jump_back * NS_PER_S
     return StreamStatistics(
         messages=len(stream),
@@ -76,7 +77,7 @@ def describe(stream: Stream, sync: SyncConfig) -> StreamStatistics:
         clock_jumps=int(np.count_nonzero((step < 0) & (step <= -jump_ns))),
         delay_s=float(np.median(stream.log_time_ns - stream.stamp_ns)) / NS_PER_S if len(stream) else np.nan,
         nan=int(np.count_nonzero(np.isnan(stream.value))),
-        infinite=int(np.count_nonzero(np.isinf(stream.value))),
+        infinite=int(np.count_nonzero(np.abs(stream.value) > LARGEST_VALUE)),
         lowest=float(finite.min()) if finite.size else np.nan,
         highest=float(finite.max()) if finite.size else np.nan,
     )

@@ -5,7 +5,8 @@ where time steps back by more than ten sample periods. A piece starts at least t
 the one before, and at least one second after it where time restarts; where its own time is earlier, it and all that
 follow are shifted later. So every boundary is a gap for the estimator, which restarts its delay lines there. Inside a
 piece, a row with the time of an earlier row (duplicate) or a slightly earlier time (backward) is left out. Rows
-without time, velocity or friction are left out as missing samples.
+without time, velocity or friction are left out as missing samples, and so are rows where one of them is infinite or
+larger than any sensor reads.
 
 Stamps are the table's own time; where that begins before 1 s, it is shifted to begin at 1 s, because a stamp of zero
 means "no stamp" in ROS.
@@ -22,7 +23,9 @@ from numpy.typing import NDArray
 
 from friction_estimator.bag.columns import Columns, Term, empty, read_columns
 from friction_estimator.bag.messages import INPUTS
+from friction_estimator.bag.topics import REQUIRED
 from friction_estimator.core.errors import InputError, UnanswerableError
+from friction_estimator.core.intake.pairing import LARGEST_VALUE
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Ints, Samples
 
 RESTART_PERIODS = 10
@@ -32,6 +35,9 @@ FIRST_STAMP_S = 1.0
 
 _LATEST_S = 2**31 - 1
 """Largest stamp that a ROS message can carry, s."""
+
+_LONGEST = float(np.finfo(np.float64).max)
+"""Time cells beyond it are infinite; how far a finite one may go, a stamp decides."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +66,8 @@ class TableReport:
     ----------
     rows, selected : in the file; matching `where`.
     missing : rows left out, by the input (or "time") whose cell is empty; a row counts once, for the first.
-    not_held : empty cells of held channels, whose last value stays.
+    infinite : rows left out, by the input (or "time") whose cell is infinite or beyond `LARGEST_VALUE`.
+    not_held : empty or infinite cells of held channels, whose last value stays.
     duplicate, backward : rows left out for their time.
     pieces : pieces, one more than the gaps made.
     shift_s : by how much the first stamp is later than the table's time, s.
@@ -69,6 +76,7 @@ class TableReport:
     rows: int
     selected: int
     missing: Mapping[str, int]
+    infinite: Mapping[str, int]
     not_held: Mapping[str, int]
     duplicate: int
     backward: int
@@ -99,14 +107,22 @@ def _samples(columns: Columns, spec: TableSpec) -> tuple[Samples, TableReport]:
     rows, values, label = _selected(columns, spec)
     complete = np.ones(label.size, np.bool_)
     missing: dict[str, int] = {}
-    for name in ("time", "velocity", "friction"):
-        lost = complete & np.isnan(values[name])
-        complete &= ~lost
-        if lost.any():
-            missing[name] = int(np.count_nonzero(lost))
+    infinite: dict[str, int] = {}
+    for name, given in values.items():
+        beyond = np.abs(given) > (_LONGEST if name == "time" else LARGEST_VALUE)
+        values[name] = np.where(beyond, np.nan, given)
+        if name in ("time", *REQUIRED):
+            for counts, lost in ((infinite, complete & beyond), (missing, complete & np.isnan(given))):
+                if lost.any():
+                    counts[name] = int(np.count_nonzero(lost))
+                complete &= ~lost
     if not complete.any():
-        told = ", ".join(f"{count} without {name}" for name, count in missing.items())
-        raise UnanswerableError(f"no usable row: {told or 'the table is empty'}")
+        told = [f"{count} without {name}" for name, count in missing.items()]
+        told += [f"{count} with infinite {name}" for name, count in infinite.items()]
+        raise UnanswerableError(f"no usable row: {', '.join(told) or 'the table is empty'}")
+    earliest, latest_s = float(np.nanmin(values["time"])), float(np.nanmax(values["time"]))
+    if latest_s - min(earliest, 0.0) >= _LATEST_S:
+        raise _too_long(spec, earliest, latest_s)
 
     # Pieces are found on all rows that have a time: a boundary may fall on a row that is left out. Gaps are made
     # between rows that are kept, or a stretch of pieces without one would grow by a gap for each.
@@ -117,10 +133,7 @@ def _samples(columns: Columns, spec: TableSpec) -> tuple[Samples, TableReport]:
     later, repeated = time_s > latest, time_s == latest
     shift_s = max(0.0, FIRST_STAMP_S - float(time_s[0]))
     if not time_s[-1] + shift_s < _LATEST_S:
-        raise InputError(
-            f"--time {spec.time} reaches {time_s[-1]:.6g} s, beyond what a stamp can hold; "
-            f"is it in seconds? *1e-3 takes milliseconds, *1e-9 nanoseconds"
-        )
+        raise _too_long(spec, float(time_s[0]), float(time_s[-1]))
     kept = {name: value[complete][later] for name, value in values.items()}
     piece = piece[later]
     samples = Samples(
@@ -137,6 +150,7 @@ def _samples(columns: Columns, spec: TableSpec) -> tuple[Samples, TableReport]:
         rows=rows,
         selected=label.size,
         missing=missing,
+        infinite=infinite,
         not_held={name: count for name, count in not_held.items() if count},
         duplicate=int(np.count_nonzero(repeated)),
         backward=int(np.count_nonzero(~later & ~repeated)),
@@ -145,6 +159,13 @@ def _samples(columns: Columns, spec: TableSpec) -> tuple[Samples, TableReport]:
         warnings=tuple(_doubts(samples)),
     )
     return samples, report
+
+
+def _too_long(spec: TableSpec, earliest_s: float, latest_s: float) -> InputError:
+    return InputError(
+        f"--time {spec.time} runs from {earliest_s:.6g} to {latest_s:.6g} s, beyond what a stamp can hold; "
+        "is it in seconds? *1e-3 takes milliseconds, *1e-9 nanoseconds"
+    )
 
 
 def _selected(columns: Columns, spec: TableSpec) -> tuple[int, dict[str, Floats], NDArray[Any]]:

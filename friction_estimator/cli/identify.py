@@ -9,7 +9,7 @@ import numpy as np
 from friction_estimator.cli import common, side_by_side
 from friction_estimator.cli.recorded import Session, add_run_options, load, outputs, tell_units
 from friction_estimator.cli.replay import judged, summarise
-from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.errors import ConfigError, about
 from friction_estimator.core.fit.batch import BatchFit, fit_batch
 from friction_estimator.core.intake.standstill import standstill
 from friction_estimator.core.metrics import nrmse
@@ -50,10 +50,11 @@ def run(args: argparse.Namespace) -> int:
 def _run(args: argparse.Namespace, output: common.Output) -> int:
     session = load(args, output, {"model.type": args.model})
     samples = session.samples
-    check_answerable(samples)
-    learned = _learned(len(samples), args.freeze_after)
-    # Range and units are those of the samples that are fitted: all are known before.
-    config = chosen(session.config, samples.velocity_m_s[learned], samples.friction_N[learned])
+    with about(", ".join(session.bags)):
+        check_answerable(samples)
+        learned = _learned(len(samples), args.freeze_after)
+        # Range and units are those of the samples that are fitted: all are known before.
+        config = chosen(session.config, samples.velocity_m_s[learned], samples.friction_N[learned])
     tell_units(output, session.config, config)
     begin = time.perf_counter()
     with common.progress("fitting", len(samples)) as advance:

@@ -83,12 +83,13 @@ def _run(args: argparse.Namespace, output: Output, storage: str) -> int:
         f"{report.pieces - 1} gaps made; {report.selected} of {report.rows} rows selected"
     )
     left_out = {f"empty {name}": count for name, count in report.missing.items()}
+    left_out |= {f"infinite {name}": count for name, count in report.infinite.items()}
     left_out |= {"duplicate time": report.duplicate, "backward time": report.backward}
     told = [f"{count} {reason}" for reason, count in left_out.items() if count]
     if told:
         output.say(f"missing samples (rows left out): {', '.join(told)}")
     for name, count in report.not_held.items():
-        output.say(f"{name}: {count} empty cells; the last value is held")
+        output.say(f"{name}: {count} empty or infinite cells; the last value is held")
     output.result(
         {
             "schema": SCHEMA,

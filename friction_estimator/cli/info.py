@@ -5,7 +5,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from friction_estimator.cli import common
-from friction_estimator.core.errors import FrictionEstimatorError, UnanswerableError
+from friction_estimator.core.errors import FrictionEstimatorError, UnanswerableError, about, sentence
 
 if TYPE_CHECKING:
     from friction_estimator.bag.read import Recording, Stream
@@ -69,7 +69,7 @@ def _run(args: argparse.Namespace, output: common.Output) -> int:
     recording: Recording | None = None
     failure: FrictionEstimatorError | None = None
     try:
-        with common.progress("reading", unit="messages") as advance:
+        with about(args.bag), common.progress("reading", unit="messages") as advance:
             recording = read_recording(args.bag, config.input, common.topics_from(args), advance)
         for name, stream in recording.streams.items():
             inputs.setdefault(stream.topic, []).append(name)
@@ -80,12 +80,13 @@ def _run(args: argparse.Namespace, output: common.Output) -> int:
     result["topics"] = [_topic(topic, inputs.get(topic.name, [])) for topic in topics]
     if recording is not None:
         try:
-            admitted = to_samples(recording, config)
-            result["pairing"] = _pairing(admitted)
-            result["excitation"], result["can"], result["cannot"] = _assess(admitted, config)
+            with about(args.bag):
+                admitted = to_samples(recording, config)
+                result["pairing"] = _pairing(admitted)
+                result["excitation"], result["can"], result["cannot"] = _assess(admitted, config)
         except UnanswerableError as error:
             failure = error
-    result["problem"] = None if failure is None else " ".join(str(failure).split())
+    result["problem"] = None if failure is None else sentence(failure)
     _tell(output, result)
     output.result(result)
     if failure is not None:
@@ -98,8 +99,8 @@ def _topic(topic: "Topic", inputs: list[str]) -> dict[str, Any]:
 
 
 def _input(name: str, stream: "Stream", figures: "StreamStatistics") -> dict[str, Any]:
-    about = {"topic": stream.topic, "type": stream.message_type, "unit": UNITS[name], "stamped": stream.stamped}
-    return about | {"frame_id": stream.frame_id, "joint": stream.joint} | asdict(figures)
+    facts = {"topic": stream.topic, "type": stream.message_type, "unit": UNITS[name], "stamped": stream.stamped}
+    return facts | {"frame_id": stream.frame_id, "joint": stream.joint} | asdict(figures)
 
 
 def _pairing(admitted: "Admitted") -> dict[str, Any]:
@@ -186,9 +187,9 @@ def _tell(output: common.Output, result: dict[str, Any]) -> None:
         kind = topic["type"].replace("/msg/", "/") or "several types"
         use = f"  -> {', '.join(topic['inputs'])}" if topic["inputs"] else ""
         output.say(f"  {topic['name']}  {kind}  {topic['messages']}{use}")
-    for name, about in result["inputs"].items():
+    for name, facts in result["inputs"].items():
         output.say(name)
-        for line in _input_lines(about):
+        for line in _input_lines(facts):
             output.say(f"  {line}")
     for note in result.get("notes", ()):
         output.say(f"note: {note}")
@@ -219,20 +220,20 @@ def _tell(output: common.Output, result: dict[str, Any]) -> None:
                 output.say(f"  {text}")
 
 
-def _input_lines(about: dict[str, Any]) -> list[str]:
-    joint = f", joint {about['joint']}" if about["joint"] else ""
-    frame = f", frame {about['frame_id']}" if about["frame_id"] else ""
+def _input_lines(facts: dict[str, Any]) -> list[str]:
+    joint = f", joint {facts['joint']}" if facts["joint"] else ""
+    frame = f", frame {facts['frame_id']}" if facts["frame_id"] else ""
     lines = [
-        f"{about['topic']}{joint}{frame}: {about['messages']} messages, {about['rate_hz']:.5g} Hz "
-        f"(jitter {about['jitter_s'] * 1e3:.3g} ms), {about['duration_s']:.5g} s",
-        f"from {about['lowest']:.5g} to {about['highest']:.5g} {about['unit']}",
+        f"{facts['topic']}{joint}{frame}: {facts['messages']} messages, {facts['rate_hz']:.5g} Hz "
+        f"(jitter {facts['jitter_s'] * 1e3:.3g} ms), {facts['duration_s']:.5g} s",
+        f"from {facts['lowest']:.5g} to {facts['highest']:.5g} {facts['unit']}",
     ]
-    if about["gaps"]:
-        lines.append(f"{about['gaps']} gaps, the longest {about['longest_gap_s']:.4g} s")
-    if not about["stamped"]:
+    if facts["gaps"]:
+        lines.append(f"{facts['gaps']} gaps, the longest {facts['longest_gap_s']:.4g} s")
+    if not facts["stamped"]:
         lines.append("no header: the time of recording serves as stamp, so pairing with other topics is a guess")
-    elif abs(about["delay_s"]) > 1.0:
-        lines.append(f"recorded {about['delay_s']:.4g} s after its stamps: two clocks, or a copy of a recording")
+    elif abs(facts["delay_s"]) > 1.0:
+        lines.append(f"recorded {facts['delay_s']:.4g} s after its stamps: two clocks, or a copy of a recording")
     faults = ("missing", "zero_stamps", "duplicate_stamps", "backward_stamps", "clock_jumps", "nan", "infinite")
-    found = [f"{about[name]} {name.replace('_', ' ')}" for name in faults if about[name]]
+    found = [f"{facts[name]} {name.replace('_', ' ')}" for name in faults if facts[name]]
     return [*lines, ", ".join(found)] if found else lines

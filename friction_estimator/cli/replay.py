@@ -7,6 +7,7 @@ from typing import Any
 from friction_estimator.cli import common, side_by_side
 from friction_estimator.cli.recorded import Described, Session, add_run_options, load, outputs, tell_units
 from friction_estimator.cli.terminal import warn
+from friction_estimator.core.errors import about
 from friction_estimator.core.online.replay import Replay, replay
 from friction_estimator.effects.extension import extension_from_config
 
@@ -38,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _run(args: argparse.Namespace, output: common.Output) -> int:
     session = load(args, output, {"model.type": args.model, "model.law": args.law})
-    with common.progress("replaying", len(session.samples)) as advance:
+    with about(", ".join(session.bags)), common.progress("replaying", len(session.samples)) as advance:
         result = replay(
             session.samples,
             session.config,

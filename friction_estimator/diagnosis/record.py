@@ -10,6 +10,7 @@ from friction_estimator.core.intake.encoder import Encoder
 from friction_estimator.core.intake.periods import drive_periods, is_harmonic
 from friction_estimator.core.intake.standstill import standstill
 from friction_estimator.core.intake.strokes import reversal_speed, reversals
+from friction_estimator.core.metrics import spread
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Ints, Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import MARGIN, robust_top
@@ -176,6 +177,11 @@ def build_record(recordings: Sequence[Samples], config: Config) -> Record:
     samples, number = joined(recordings)
     if float(np.ptp(samples.velocity_m_s)) <= 0.0:
         raise UnanswerableError("the velocity never changes: a diagnosis needs strokes in both directions")
+    if not spread(samples.friction_N) > 0.0:
+        raise UnanswerableError(
+            f"friction is constant at {samples.friction_N[0]:g} N in all {len(samples)} samples: there is nothing to "
+            "explain; is it the right topic, axis or joint?"
+        )
     return described(samples, number, config)
 
 

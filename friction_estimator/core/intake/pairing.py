@@ -33,7 +33,11 @@ USED, NAN, INFINITE, DUPLICATE_STAMP, BACKWARD_STAMP, ZERO_STAMP, UNMATCHED = ra
 REASONS = ("used", "nan", "infinite", "duplicate_stamp", "backward_stamp", "zero_stamp", "unmatched")
 
 LARGEST_VALUE = 1e12
-"""No sensor reads more (m/s or N): larger magnitudes are refused as `infinite`, their squares would overflow."""
+"""No sensor reads more (m/s, N, Pa, degC, m): larger magnitudes are refused as `infinite`, their squares would
+overflow. A held channel passes over them, as it does over what is no number."""
+
+SMALLEST_VALUE = 1e-30
+"""Smaller magnitudes are zero, which no sensor tells them from: their squares would underflow."""
 
 
 @dataclass(frozen=True)
@@ -88,11 +92,12 @@ def pair(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     joined = 0
     for k in range(stamp.size):
         own = stream[k]
+        given = 0.0 if abs(value[k]) < SMALLEST_VALUE else value[k]
         if own > FRICTION:
             channel = own - PRESSURE
-            if np.isfinite(value[k]):
+            if abs(given) <= LARGEST_VALUE:
                 place = held_count[channel] % HELD_MEMORY
-                held_stamp[channel, place], held_value[channel, place] = stamp[k], value[k]
+                held_stamp[channel, place], held_value[channel, place] = stamp[k], given
                 held_count[channel] += 1
             continue
         other = 1 - own
@@ -110,7 +115,7 @@ def pair(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
                 queue[2 + own] -= 1
             place = (queue[own] + queue[2 + own]) % size
             queue_stamp[own, place] = stamp[k]
-            queue_value[own, place] = value[k]
+            queue_value[own, place] = given
             queue[2 + own] += 1
             continue
         # Both streams are past everything older than this match.
@@ -124,10 +129,10 @@ def pair(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
         queue[2 + other] -= best + 1
         if own == FRICTION:
             out_stamp[joined] = stamp[k]
-            out_velocity[joined], out_friction[joined] = queue_value[other, place], value[k]
+            out_velocity[joined], out_friction[joined] = queue_value[other, place], given
         else:
             out_stamp[joined] = queue_stamp[other, place]
-            out_velocity[joined], out_friction[joined] = value[k], queue_value[other, place]
+            out_velocity[joined], out_friction[joined] = given, queue_value[other, place]
         queue[4] = out_stamp[joined]
         for channel in range(HELD):
             newest = held_count[channel] - 1
