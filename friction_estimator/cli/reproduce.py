@@ -1,48 +1,30 @@
 """`reproduce`: the paper's Figs. 3 to 6, and its claims confirmed or refuted by numbers."""
 
 import argparse
-import os
 import re
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
-from dataclasses import dataclass
-from multiprocessing import get_context
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from friction_estimator.cli import common
+from friction_estimator.cli.workers import Task, run_tasks
 from friction_estimator.core.errors import InputError
 from friction_estimator.output.layout import Layout
 from friction_estimator.paper import convergence, landscape, structure
 from friction_estimator.paper.claims import Claim, Interval
 from friction_estimator.paper.study import MODELS, Plan, Study, assemble, run_recording
 from friction_estimator.rig.drive import CONDITIONS
-from friction_estimator.threads import VARIABLES
 
 SCHEMA = "friction_estimator/claims/1"
 
-WORKERS = 2
-
 STRUCTURE_SEEDS = 3
 """Recordings of each condition for the claim on orders, which takes six fits each."""
-
-_SINGLE_THREAD = dict.fromkeys(VARIABLES, "1")
 
 LAYOUT = Layout(
     "claims.json",
     re.compile(r'\{\s*("schema": "friction_estimator/claims/\d+"|"claims": \[)'),
     frozenset({"index.html", *(f"figure_{number}.png" for number in range(3, 7))}),
 )
-
-
-@dataclass(frozen=True)
-class Task:
-    """One piece of work: a pure function and its arguments."""
-
-    key: tuple[Any, ...]
-    function: Callable[..., Any]
-    arguments: tuple[Any, ...]
 
 
 def add_parser(subparsers: common.Subparsers) -> None:
@@ -78,8 +60,8 @@ def run(args: argparse.Namespace) -> int:
 def _run(args: argparse.Namespace, output: common.Output) -> int:
     plan = Plan(seeds=args.seeds, seconds=args.seconds)
     tasks = plan_tasks(plan)
-    with common.progress("reproducing", len(tasks), "tasks") as advance, _workers() as pool:
-        results = run_tasks(pool, tasks, advance)
+    with common.progress("reproducing", len(tasks), "tasks") as advance:
+        results = run_tasks(tasks, advance)
     study, claims = judge(plan, results)
     for claim in claims:
         output.say(f"{claim.verdict:<10} {claim.id}: {claim.why}")
@@ -111,38 +93,6 @@ def plan_tasks(plan: Plan) -> list[Task]:
             tasks.append(Task(("theory", condition, seed), convergence.wrong_theory, (plan, condition, seed)))
     tasks += [Task(("bases", seed), structure.basis_errors, (seed,)) for seed in range(plan.seeds)]
     return tasks
-
-
-@contextmanager
-def _workers() -> Iterator[ProcessPoolExecutor]:
-    """Yield processes whose linear algebra runs on one thread each: faster on small matrices, and the same bits."""
-    before = {name: os.environ.get(name) for name in _SINGLE_THREAD}
-    os.environ.update(_SINGLE_THREAD)
-    try:
-        with ProcessPoolExecutor(min(WORKERS, os.cpu_count() or 1), get_context("spawn")) as pool:
-            try:
-                yield pool
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
-
-
-def run_tasks(
-    pool: ProcessPoolExecutor, tasks: Sequence[Task], advance: Callable[[int], None]
-) -> dict[tuple[Any, ...], Any]:
-    """Return the results by key; their order does not depend on which task ends first."""
-    futures: dict[Future[Any], Task] = {pool.submit(task.function, *task.arguments): task for task in tasks}
-    done = {}
-    for future in as_completed(futures):
-        done[futures[future].key] = future.result()
-        advance(1)
-    return {task.key: done[task.key] for task in tasks}
 
 
 def judge(plan: Plan, results: dict[tuple[Any, ...], Any]) -> tuple[Study, list[Claim]]:
