@@ -16,7 +16,7 @@ from friction_estimator.core.metrics import nrmse
 from friction_estimator.core.model.structure import Model
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
-from friction_estimator.files import read_config
+from friction_estimator.documents.configuration import read_config
 
 DEMO = Path(__file__).parents[1] / "bags" / "demo"
 

@@ -16,7 +16,7 @@ from friction_estimator.core.online.replay import replay
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import usual_magnitude
-from friction_estimator.files import read_config
+from friction_estimator.documents.configuration import read_config
 
 ROOT = Path(__file__).parents[1]
 DEMO = ROOT / "bags" / "demo"

@@ -15,8 +15,8 @@ from friction_estimator.cli.simulate import add_recording
 from friction_estimator.core.metrics import nrmse
 from friction_estimator.core.online.replay import replay
 from friction_estimator.core.settings.config import Config
+from friction_estimator.documents.configuration import write_config
 from friction_estimator.effects import EFFECTS, parse_effect
-from friction_estimator.files import write_config
 from friction_estimator.rig.drive import parse_schedule, segment
 from friction_estimator.rig.simulate import Scenario, simulate
 

@@ -16,8 +16,8 @@ from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.diagnose import Diagnosis, diagnose
 from friction_estimator.diagnosis.extend import extended_config
 from friction_estimator.diagnosis.summary import as_json, sentences
+from friction_estimator.documents.configuration import read_config, write_config
 from friction_estimator.effects import EFFECTS, extension_from_config
-from friction_estimator.files import read_config, write_config
 from friction_estimator.rig.drive import segment
 
 # Off the grids, half of them in another functional form than the regressor.

@@ -19,8 +19,8 @@ from friction_estimator.bag.samples import to_samples
 from friction_estimator.cli.main import main
 from friction_estimator.core.metrics import nrmse
 from friction_estimator.core.online.replay import replay
+from friction_estimator.documents.configuration import read_config
 from friction_estimator.effects import extension_from_config
-from friction_estimator.files import read_config
 
 pytestmark = pytest.mark.ros
 

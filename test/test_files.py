@@ -5,7 +5,7 @@ import yaml
 
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.settings.config import Config
-from friction_estimator.files import read_config, read_parameters, write_config
+from friction_estimator.documents.configuration import read_config, read_parameters, write_config
 
 
 def test_numbers_are_read_as_ros_reads_them(tmp_path):

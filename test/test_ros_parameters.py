@@ -1,6 +1,8 @@
 """Every parameter: declared from its setting, checked, explained; the node outlives whatever it is given."""
 
 import math
+import os
+from pathlib import Path
 
 import pytest
 
@@ -13,6 +15,7 @@ from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter as RosParameter
 
+from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.settings.config import PARAMETERS
 from friction_estimator.ros import parameter_file
 from friction_estimator.ros.arguments import beside_its_file, repaired
@@ -282,18 +285,53 @@ def test_mixed_arrays_are_made_doubles(tmp_path):
     other.write_text("/**: {ros__parameters: {fir: {order: 3}}}")
     given = ["node", "--ros-args", "--params-file", str(file), "--params-file", str(other), "-p", "x:=[1, 2.5]"]
     result = repaired(given, tmp_path)
-    assert yaml.safe_load((tmp_path / "3.yaml").read_text())["/**"]["ros__parameters"]["basis"] == {
-        "velocity_range": [0.0, 0.15]
-    }
-    assert result[5] == str(other)
+    read = [yaml.safe_load(Path(result[index]).read_text())["/**"]["ros__parameters"] for index in (3, 5)]
+    assert read == [{"basis": {"velocity_range": [0.0, 0.15]}}, {"fir": {"order": 3}}]
+    assert [Path(result[index]).name for index in (3, 5)] == ["a.yaml", "b.yaml"]
     assert result[7] == "x:=[1.0, 2.5]"
+
+
+@pytest.mark.parametrize(
+    ("rule", "plain"),
+    [("y", "'y'"), ("1e3", "1e3"), ("[1, 2]", "[1, 2]"), ("[y, 'a b']", "['y', 'a b']"), ("''", "''"), ("on", "on")],
+)
+def test_rules_mean_to_rcl_what_they_mean_here(tmp_path, rule, plain):
+    assert repaired(["node", "-p", f"a.b:={rule}"], tmp_path)[2] == f"a.b:={plain}"
+
+
+@pytest.mark.parametrize("rule", ["[1", "[[1]]", "{a: }", "&a [*a]", "9" * 400, r'"\ud800"', "!!timestamp x"])
+def test_a_rule_that_is_none_is_refused_by_name(tmp_path, rule):
+    with pytest.raises(ConfigError, match=r"^-p a\.b"):
+        repaired(["node", "-p", f"a.b:={rule}"], tmp_path)
+
+
+def test_hostile_parameter_files_end_the_node_in_one_line(graph):
+    """Those that rcl's own parser would hang on, misread or quote; the others are `test_documents`'."""
+    doubling = "".join(f"    a{n}: &a{n} [{f'*a{n - 1}, *a{n - 1}' if n else 'x'}]\n" for n in range(30))
+    os.mkfifo(graph.folder / "pipe.yaml")
+    for name, content, words in (
+        ("laughs.yaml", "/**:\n  ros__parameters:\n" + doubling, "more than 50000 values"),
+        ("empty.yaml", "", "is empty"),
+        ("dict.yaml", "/**: {ros__parameters: {fir.order: {}}}", "fir.order is an empty section"),
+        ("tag.yaml", '/**: {ros__parameters: {fir.order: !!int "x"}}', "line 1: x is no integer"),
+        ("pipe.yaml", None, "a named pipe"),
+        ("none.yaml", None, "No such file"),
+    ):
+        if content is not None:
+            (graph.folder / name).write_text(content)
+        arguments = ("--params-file", str(graph.folder / name))
+        process = graph.start("-m", "friction_estimator.ros.node", "--ros-args", *arguments)
+        assert process.popen.wait(ros_graph.LIMIT_S) == 2
+        (line,) = process.output().splitlines()
+        assert name in line
+        assert words in line
 
 
 def test_parameter_file_is_up_to_date():
     """config/estimator.yaml is what parameter_file writes, and holds the defaults."""
     assert CONFIG.read_text() == parameter_file.text()
     from friction_estimator.core.settings.config import Config
-    from friction_estimator.files import read_config
+    from friction_estimator.documents.configuration import read_config
 
     assert read_config(CONFIG) == Config()
 
@@ -301,7 +339,7 @@ def test_parameter_file_is_up_to_date():
 def test_the_papers_own_algorithm():
     """config/paper.yaml: no companding, the paper's law, no guard; all else as by default."""
     from friction_estimator.core.settings.config import Config
-    from friction_estimator.files import read_config
+    from friction_estimator.documents.configuration import read_config
 
     found = read_config(CONFIG.parent / "paper.yaml").to_mapping()
     changed = {name: value for name, value in found.items() if value != Config().to_mapping()[name]}

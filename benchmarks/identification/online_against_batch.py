@@ -25,7 +25,7 @@ from friction_estimator.core.metrics import drive_cycles
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import chosen
-from friction_estimator.files import read_config
+from friction_estimator.documents.configuration import read_config
 from friction_estimator.output.target import write_text
 from friction_estimator.rig.drive import CONDITIONS, segment
 from friction_estimator.rig.simulate import Scenario, simulate

@@ -10,11 +10,10 @@ from pathlib import Path, PurePath
 from types import TracebackType
 
 import numpy as np
-import yaml
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
 
-from friction_estimator.bag import mcap
+from friction_estimator.bag import mcap, metadata
 from friction_estimator.bag.mcap import Batch
 from friction_estimator.core.errors import FrictionEstimatorError, InputError
 
@@ -65,6 +64,7 @@ class Source:
         self.ros1 = self.path.suffix == ".bag" and not self.path.is_dir()
         with _readable(self.path):
             _check_kind(self.path)
+            self._files = metadata.storage_files(self.path) if self.path.is_dir() else [self.path]
             self._reader: Reader1 | Reader2 = Reader1(self.path) if self.ros1 else Reader2(self.path)
             self._reader.open()
             self.topics = tuple(
@@ -120,14 +120,9 @@ class Source:
         """Return the fast way through every file of the recording, where all of them have one."""
         if isinstance(self._reader, Reader1) or self._reader.compression_mode:
             return None
-        files = [self.path]
-        if self.path.is_dir():
-            about = yaml.safe_load((self.path / "metadata.yaml").read_text(encoding="utf-8"))
-            listed = about["rosbag2_bagfile_information"]["relative_file_paths"]
-            files = [self.path / PurePath(name).name for name in listed]
-        if any(file.suffix != ".mcap" for file in files):
+        if any(file.suffix != ".mcap" for file in self._files):
             return None
-        parts = [mcap.batches(file, topics) for file in files]
+        parts = [mcap.batches(file, topics) for file in self._files]
         ways = [part for part in parts if part is not None]
         return ways if len(ways) == len(parts) else None
 

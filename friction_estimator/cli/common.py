@@ -16,7 +16,7 @@ from friction_estimator.cli.terminal import EXIT_CODES, Parser, say, say_documen
 from friction_estimator.core.errors import InputError
 from friction_estimator.core.settings.config import Config, retired
 from friction_estimator.core.text import shown
-from friction_estimator.files import read_config, read_parameters
+from friction_estimator.documents.configuration import read_config, read_parameters
 from friction_estimator.output.run import RunOutput
 from friction_estimator.output.staging import Refusal
 

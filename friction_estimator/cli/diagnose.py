@@ -126,7 +126,7 @@ def _write(
     """Write the diagnosis into `folder`, which is made here and will be `final`; return its summary."""
     from friction_estimator.diagnosis.extend import extended_config  # noqa: PLC0415
     from friction_estimator.diagnosis.summary import as_json, sentences  # noqa: PLC0415
-    from friction_estimator.files import write_config  # noqa: PLC0415
+    from friction_estimator.documents.configuration import write_config  # noqa: PLC0415
     from friction_estimator.report.diagnosis_figures import write_diagnosis_figures  # noqa: PLC0415
     from friction_estimator.report.html import Section, write_page  # noqa: PLC0415
 

@@ -15,7 +15,7 @@ from friction_estimator.cli import side_by_side
 from friction_estimator.cli.common import to_json
 from friction_estimator.core.online.replay import Replay
 from friction_estimator.core.sample import Floats, Ints
-from friction_estimator.files import write_config
+from friction_estimator.documents.configuration import write_config
 from friction_estimator.output.layout import Layout, only
 from friction_estimator.report.figures import FIGURES, write_figures
 from friction_estimator.report.html import Section, write_page

@@ -12,8 +12,8 @@ from friction_estimator.core.errors import InputError
 from friction_estimator.core.metrics import nrmse
 from friction_estimator.core.sample import Bools, Floats
 from friction_estimator.core.settings.config import Config
+from friction_estimator.documents.configuration import read_config
 from friction_estimator.effects import list_effects, parse_effect
-from friction_estimator.files import read_config
 from friction_estimator.rig.drive import (
     CONDITION_SECONDS,
     CONDITIONS,

@@ -1,7 +1,8 @@
-"""Command-line arguments that rcl's own parser refuses although their meaning is clear.
+"""Parameters of the command line, read by the program's own loader before rcl sees them.
 
-rcl ends the process for `[0, 0.15]` ("Sequence should be of same type"). Such files and `-p` rules are
-rewritten with doubles throughout before rcl sees them; everything else is left for rcl to read.
+rcl ends the process for `[0, 0.15]` ("Sequence should be of same type"), reads a bare `y` as true, knows no aliases and
+quotes what it does not understand. So parameter files and `-p` rules are read as every other configuration is
+(`documents`), within its limits, and rcl gets what was read in its plainest form.
 """
 
 from collections.abc import Sequence
@@ -9,9 +10,16 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from friction_estimator.files import flatten
+from friction_estimator.core.errors import ConfigError, FrictionEstimatorError
+from friction_estimator.core.text import LONGEST_NAME, shown
+from friction_estimator.documents.configuration import (
+    PARAMETER_FILE,
+    PARAMETERS,
+    flatten,
+    load_parameter_file,
+    parameter_text,
+)
+from friction_estimator.documents.load import parse_yaml
 
 
 def params_files(arguments: Sequence[str]) -> list[Path]:
@@ -20,46 +28,52 @@ def params_files(arguments: Sequence[str]) -> list[Path]:
 
 
 def repaired(arguments: Sequence[str], folder: Path) -> list[str]:
-    """Return `arguments` with mixed arrays of integers and doubles made arrays of doubles.
+    """Return `arguments` with every parameter in the form that rcl reads as this program does.
 
-    Rewritten parameter files are put into `folder`. What cannot be read is passed on unchanged: rcl's
-    message about it is then the one to show.
+    Parameter files are written anew into `folder`; integers among doubles become doubles.
+
+    Raises
+    ------
+    InputError : a file that cannot be read. ConfigError : no parameter file, or a rule that is none; one line.
     """
     result = list(arguments)
     for index in range(1, len(result)):
         flag, value = result[index - 1], result[index]
         if flag == "--params-file":
-            result[index] = _repaired_file(Path(value), folder / f"{index}.yaml")
+            result[index] = _repaired_file(Path(value), folder / str(index))
         elif flag in ("-p", "--param") and ":=" in value:
-            name, _, text = value.partition(":=")
-            try:
-                tree, changed = _doubled(yaml.safe_load(text))
-            except yaml.YAMLError:
-                continue
-            if changed:
-                result[index] = f"{name}:={yaml.safe_dump(tree, default_flow_style=True).strip()}"
+            result[index] = _repaired_rule(*value.split(":=", 1))
     return result
 
 
-def _repaired_file(source: Path, target: Path) -> str:
-    try:
-        tree, changed = _doubled(yaml.safe_load(source.read_text(encoding="utf-8")))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError):
-        return str(source)
-    if not changed:
-        return str(source)
-    target.write_text(yaml.safe_dump(tree, sort_keys=False), encoding="utf-8")
+def _repaired_file(source: Path, folder: Path) -> str:
+    tree = load_parameter_file(source)
+    if not tree:
+        raise ConfigError(f"{shown(source)} is empty: it needs '/**:' with '{PARAMETERS}:' below it")
+    folder.mkdir()
+    target = folder / source.name
+    target.write_text(parameter_text(_doubled(tree)), encoding="utf-8")
     return str(target)
 
 
-def _doubled(tree: Any) -> tuple[Any, bool]:
-    """Return the tree with mixed numeric lists made floats, and whether anything changed."""
+def _repaired_rule(name: str, text: str) -> str:
+    source = f"-p {shown(name, LONGEST_NAME)}"
+    value = parse_yaml(text, source)
+    if isinstance(value, dict):
+        raise ConfigError(f"{source}: a rule sets one value, and {shown(text, LONGEST_NAME)} is a section")
+    PARAMETER_FILE.check({"/**": {PARAMETERS: {"value": value}}}, source, ConfigError)
+    # A number is read alike by both, and a document of one number would end with a mark.
+    plain = isinstance(value, list | str)
+    return f"{name}:={parameter_text(_doubled(value), flow=True).strip()}" if plain else f"{name}:={text}"
+
+
+def _doubled(tree: Any) -> Any:
+    """Return the tree with mixed numeric lists made floats."""
     if isinstance(tree, dict):
-        parts = {key: _doubled(value) for key, value in tree.items()}
-        return {key: value for key, (value, _) in parts.items()}, any(changed for _, changed in parts.values())
+        return {key: _doubled(value) for key, value in tree.items()}
     if isinstance(tree, list) and {type(item) for item in tree} == {int, float}:
-        return [float(item) for item in tree], True
-    return tree, False
+        return [float(item) for item in tree]
+    return tree
 
 
 def beside_its_file(name: str, value: str, files: Sequence[Path]) -> str:
@@ -71,21 +85,17 @@ def beside_its_file(name: str, value: str, files: Sequence[Path]) -> str:
         return value
     for file in reversed(files):
         try:
-            tree = yaml.safe_load(file.read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, yaml.YAMLError):
+            tree = load_parameter_file(file)
+        except FrictionEstimatorError:  # changed since the start
             continue
-        if isinstance(tree, dict) and _holds(tree, name, value):
+        if _holds(tree, name, value):
             return str(file.resolve().parent / value)
     return value
 
 
 def _holds(tree: dict[str, Any], name: str, value: str) -> bool:
-    for section in tree.values():
-        if not isinstance(section, dict):
-            continue
-        parameters = section.get("ros__parameters")
-        if isinstance(parameters, dict) and flatten(parameters).get(name) == value:
-            return True
-        if _holds(section, name, value):
-            return True
-    return False
+    """Return whether a section of the tree sets the parameter `name` to `value`."""
+    return any(
+        flatten(section).get(name) == value if key == PARAMETERS else _holds(section, name, value)
+        for key, section in tree.items()
+    )

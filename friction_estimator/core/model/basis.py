@@ -226,14 +226,15 @@ class WaveletBasis:
         self._amplitude = np.sqrt(self._scale)
         self._kind = np.array([1] * len(self.levels) + [0], np.int64)
         # The kernel's own function, so that the ends fall into the same cell.
-        lowest = np.floor(_position(self.low, self.unit, self.bend) * self._scale).astype(np.int64) - (support - 1)
-        highest = np.floor(_position(self.high, self.unit, self.bend) * self._scale).astype(np.int64)
+        lowest = np.floor(_position(self.low, self.unit, self.bend) * self._scale) - (support - 1)
+        highest = np.floor(_position(self.high, self.unit, self.bend) * self._scale)
         counts = highest - lowest + 1
-        if counts.sum() > LARGEST_BASIS:
+        if not counts.sum() <= LARGEST_BASIS:  # before they are integers, which hold no more than 64 bits
             raise ConfigError(
-                f"the velocities {list(self.reach)} m/s hold {counts.sum()} functions of "
+                f"the velocities {list(self.reach)} m/s hold {counts.sum():g} functions of "
                 f"{self.unit:g} m/s units, more than {LARGEST_BASIS}: set a larger basis.velocity_unit or finest_level"
             )
+        lowest, highest, counts = (bound.astype(np.int64) for bound in (lowest, highest, counts))
         starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
         self._first = starts - lowest
         self._size = int(counts.sum())

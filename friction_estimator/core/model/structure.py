@@ -20,9 +20,7 @@ from friction_estimator.core.model.prediction import THEORY_TAPS
 from friction_estimator.core.model.theory import TheoryCurve, theory_from_config
 from friction_estimator.core.sample import Bools, Floats, Ints, Samples
 from friction_estimator.core.settings.config import Config
-
-LARGEST_PARAMETER = 1e6
-"""Guard: the norm of the normalised parameters stays below this."""
+from friction_estimator.core.settings.groups import LARGEST_PARAMETER
 
 CHUNK = 4096
 """Samples prepared at a time: bounds the memory of a pass over a recording."""

@@ -5,6 +5,7 @@ import math
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
+from io import TextIOWrapper
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,10 @@ from numba import types
 from numpy.typing import NDArray
 
 from friction_estimator.compiled import njit
-from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.errors import ConfigError, InputError
 from friction_estimator.core.model.oil import KELVIN, checked_temperature
 from friction_estimator.core.model.theory_seal import LOWEST_GAUGE_PRESSURE_PA
+from friction_estimator.core.regular_file import open_regular
 from friction_estimator.core.sample import Floats, Ints
 
 COLUMNS = ("velocity_m_s", "pressure_Pa", "temperature_K", "friction_N")
@@ -54,7 +56,11 @@ def read_table(path: str | os.PathLike[str]) -> Grid:
     """
     source = Path(path)
     try:
-        with source.open(encoding="utf-8-sig", newline="") as handle:
+        file = open_regular(source)
+    except InputError as error:
+        raise ConfigError(f"theory.table: {error}") from error
+    try:
+        with TextIOWrapper(file, encoding="utf-8-sig", newline="") as handle:
             rows = _read_rows(csv.reader(handle), source)
     except OSError as error:
         raise ConfigError(f"theory.table: cannot read {source}: {error.strerror}") from error

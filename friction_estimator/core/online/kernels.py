@@ -12,8 +12,8 @@ from friction_estimator.core.fit.band import EXTRAPOLATION, note_error, usual_va
 from friction_estimator.core.fit.posterior import COLOUR
 from friction_estimator.core.intake.standstill import stands, stopping
 from friction_estimator.core.model.prediction import TAPS, WEIGHTS, push, regress
-from friction_estimator.core.model.structure import LARGEST_PARAMETER
 from friction_estimator.core.online import workspace as at
+from friction_estimator.core.settings.groups import LARGEST_PARAMETER
 
 LMS, NLMS, RLS = range(3)
 """Numbers of the laws in the compiled dispatch; online/adaptation.py has the classes."""

@@ -10,6 +10,8 @@ from typing import Any
 
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.settings.groups import (
+    LARGEST_FORCE_N,
+    LEAST_FORCE_N,
     BasisConfig,
     ExtensionConfig,
     FirConfig,
@@ -38,7 +40,8 @@ class Config:
         "Force of one normalised unit (the expected rms of friction). 0: that of the first contact.",
         unit="N",
         low=0.0,
-        high=1e12,
+        high=LARGEST_FORCE_N,
+        least=LEAST_FORCE_N,
     )
     model: ModelConfig = ModelConfig()
     basis: BasisConfig = BasisConfig()
@@ -145,6 +148,9 @@ RETIRED = {
 """Parameters of earlier versions, which are passed over, and what sets the same today; see `retired`."""
 
 PARAMETERS: dict[str, Parameter] = {item.name: item for item in walk(Config)}
+
+PATHS = tuple(name for name, item in PARAMETERS.items() if item.path)
+"""Parameters that name a file: relative to the parameter file that holds them."""
 
 
 def retired(names: Iterable[str]) -> list[str]:

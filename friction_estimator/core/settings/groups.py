@@ -8,6 +8,14 @@ from dataclasses import dataclass
 
 from friction_estimator.core.settings.setting import setting
 
+LARGEST_SPEED, LEAST_SPEED = 1e9, 1e-12
+"""Speeds, m/s or rad/s, that are no slip of the pen: squares and ratios of them stay numbers."""
+
+LARGEST_FORCE_N, LEAST_FORCE_N = 1e12, 1e-12
+
+LARGEST_PARAMETER = 1e6
+"""Guard: the norm of the normalised parameters stays below this, so each of them does."""
+
 
 @dataclass(frozen=True)
 class ModelConfig:
@@ -44,6 +52,9 @@ class BasisConfig:
         "Velocities that g covers, [lowest, highest]: fixed. Outside, g is held at the edge, nothing is learned, and "
         "the diagnostics say so. Empty: those of the first contact, and it grows with the speeds that follow.",
         unit="m/s",
+        low=-LARGEST_SPEED,
+        high=LARGEST_SPEED,
+        least=LEAST_SPEED,
     )
     velocity_unit: float = setting(
         0.0,
@@ -51,7 +62,8 @@ class BasisConfig:
         "or the one given, divided into 16 units.",
         unit="m/s per basis unit",
         low=0.0,
-        high=1e9,
+        high=LARGEST_SPEED,
+        least=LEAST_SPEED,
     )
     companding: float = setting(
         16.0,
@@ -169,7 +181,7 @@ class TheoryConfig:
         choices=("seal", "table", "none"),
     )
     table: str = setting(
-        "", "CSV file velocity_m_s,pressure_Pa,temperature_K,friction_N (gauge pressure); for kind table."
+        "", "CSV file velocity_m_s,pressure_Pa,temperature_K,friction_N (gauge pressure); for kind table.", path=True
     )
     ambient_pressure: float = setting(
         101325.0, "Taken off the recorded absolute pressure.", unit="Pa", low=0.0, high=1e9
@@ -273,7 +285,7 @@ class PublishConfig:
 class StateConfig:
     """The learned state on disk."""
 
-    file: str = setting("", "State file of ~/save and ~/load; empty: none.", live=True)
+    file: str = setting("", "State file of ~/save and ~/load; empty: none.", live=True, path=True)
     period: float = setting(
         60.0, "Time between periodic saves; 0: only on ~/save and at exit.", unit="s", low=0.0, high=1e6, live=True
     )
@@ -294,6 +306,9 @@ class LearnedConfig:
         (),
         "Velocities that g covers by what was seen, where basis.velocity_range is empty.",
         unit="m/s",
+        low=-LARGEST_SPEED,
+        high=LARGEST_SPEED,
+        least=LEAST_SPEED,
         live=True,
         learned=True,
     )
@@ -302,7 +317,8 @@ class LearnedConfig:
         "Largest speed of the first contact: it sets basis unit and companding. 0: not met yet.",
         unit="m/s",
         low=0.0,
-        high=1e12,
+        high=LARGEST_SPEED,
+        least=LEAST_SPEED,
         live=True,
         learned=True,
     )
@@ -311,15 +327,35 @@ class LearnedConfig:
         "Usual friction of the first contact, where force_unit is 0. 0: not met yet.",
         unit="N",
         low=0.0,
-        high=1e12,
+        high=LARGEST_FORCE_N,
+        least=LEAST_FORCE_N,
         live=True,
         learned=True,
     )
-    fir_taps: tuple[float, ...] = setting((), "Taps of the FIR behind g.", live=True, learned=True)
-    theory_taps: tuple[float, ...] = setting(
-        (), "Taps of the FIR behind the theoretical curve.", live=True, learned=True
+    fir_taps: tuple[float, ...] = setting(
+        (),
+        "Taps of the FIR behind g.",
+        low=-LARGEST_PARAMETER,
+        high=LARGEST_PARAMETER,
+        live=True,
+        learned=True,
     )
-    wavelet_weights: tuple[float, ...] = setting((), "Weights of g.", live=True, learned=True)
+    theory_taps: tuple[float, ...] = setting(
+        (),
+        "Taps of the FIR behind the theoretical curve.",
+        low=-LARGEST_PARAMETER,
+        high=LARGEST_PARAMETER,
+        live=True,
+        learned=True,
+    )
+    wavelet_weights: tuple[float, ...] = setting(
+        (), "Weights of g.", low=-LARGEST_PARAMETER, high=LARGEST_PARAMETER, live=True, learned=True
+    )
     extension_weights: tuple[float, ...] = setting(
-        (), "Coefficients of the extension terms, in the order of extension.terms.", live=True, learned=True
+        (),
+        "Coefficients of the extension terms, in the order of extension.terms.",
+        low=-LARGEST_PARAMETER,
+        high=LARGEST_PARAMETER,
+        live=True,
+        learned=True,
     )

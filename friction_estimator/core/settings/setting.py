@@ -1,11 +1,15 @@
 """How a setting is declared, found and checked; `config` has the settings themselves."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, cast, get_type_hints
 
 from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.text import LONGEST_NAME, shown
+
+LONGEST_TEXT = 4096
+"""Characters of a word of the configuration: the longest path that Linux takes."""
 
 Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 
@@ -17,23 +21,28 @@ def setting(
     unit: str = "",
     low: float = -math.inf,
     high: float = math.inf,
+    least: float = 0.0,
     choices: Sequence[str] = (),
     live: bool = False,
     learned: bool = False,
+    path: bool = False,
 ) -> Any:
     """Declare one setting.
 
     `live` settings act at once on a running node; the others act at the next reset. `learned` ones are
-    written by the estimator itself. `low` and `high` are inclusive and hold for every element of an array.
+    written by the estimator itself, a `path` is relative to the file that holds it. `low` and `high` are inclusive and
+    hold for every element of an array; what is not 0 is at least `least` in size.
     """
     meta = {
         "description": description,
         "unit": unit,
         "low": low,
         "high": high,
+        "least": least,
         "choices": tuple(choices),
         "live": live,
         "learned": learned,
+        "path": path,
     }
     return field(default=default, metadata=meta)
 
@@ -49,9 +58,11 @@ class Parameter:
     unit: str
     low: float
     high: float
+    least: float
     choices: tuple[str, ...]
     live: bool
     learned: bool
+    path: bool
 
     @property
     def is_array(self) -> bool:
@@ -73,11 +84,12 @@ class Parameter:
     def checked(self, value: object) -> Value:
         """Return `value` in this parameter's type, or raise ConfigError with the reason.
 
-        An integer is accepted for a double; a bool is no number; NaN and infinities are refused, in arrays too.
+        An integer is accepted for a double; a bool is no number; NaN and infinities are refused, in arrays too, and
+        text that no file can hold.
         """
         if self.is_array:
-            if isinstance(value, str) or not hasattr(value, "__iter__"):
-                raise ConfigError(f"{self.name}: {value!r} is no array")
+            if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
+                raise ConfigError(f"{self.name}: {_told(value)} is no array")
             return tuple(self._scalar(item, f"{self.name}[{i}]") for i, item in enumerate(value))
         return cast(Value, self._scalar(value, self.name))
 
@@ -85,21 +97,47 @@ class Parameter:
         wanted = self.element
         item = getattr(value, "item", None)
         value = item() if callable(item) else value  # numpy scalars
+        if isinstance(value, int) and abs(value) >= 2**63:
+            raise ConfigError(f"{where}: the value is an integer of more than 64 bits")
         if wanted is float and isinstance(value, int) and not isinstance(value, bool):
             value = float(value)
         if wanted is int and isinstance(value, float) and value.is_integer():
             value = int(value)
         if type(value) is not wanted:
-            raise ConfigError(f"{where}: {value!r} is of type {type(value).__name__}, expected {wanted.__name__}")
+            raise ConfigError(f"{where}: {_told(value)} is of type {type(value).__name__}, expected {wanted.__name__}")
         if isinstance(value, float) and not math.isfinite(value):
             raise ConfigError(f"{where}: {value} is not a finite number")
-        if isinstance(value, int | float) and not isinstance(value, bool) and not self.low <= value <= self.high:
-            raise ConfigError(
-                f"{where}: {value} is out of range [{self.low:g}, {self.high:g}]{' ' + self.unit if self.unit else ''}"
-            )
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            self._check_size(value, where)
+        if isinstance(value, str) and not (len(value) <= LONGEST_TEXT and is_text(value)):
+            raise ConfigError(f"{where}: {_told(value)} is too long, or holds a NUL or half a surrogate pair")
         if self.choices and value not in self.choices:
-            raise ConfigError(f"{where}: {value!r} is not one of {', '.join(self.choices)}")
+            raise ConfigError(f"{where}: {_told(value)} is not one of {', '.join(self.choices)}")
         return value
+
+    def _check_size(self, value: float, where: str) -> None:
+        unit = f" {self.unit}" if self.unit else ""
+        if not self.low <= value <= self.high:
+            raise ConfigError(f"{where}: {value} is out of range [{self.low:g}, {self.high:g}]{unit}")
+        if 0.0 < abs(value) < self.least:
+            raise ConfigError(f"{where}: {value} is neither 0 nor at least {self.least:g}{unit}")
+
+
+def is_text(value: str) -> bool:
+    r"""Return whether a file can hold this text, and a path may: no NUL, no half of a surrogate pair.
+
+    >>> is_text("Kolbenstange"), is_text("a\0b"), is_text("\ud800")
+    (True, False, False)
+    """
+    try:
+        value.encode("utf-8")
+    except UnicodeEncodeError:
+        return False
+    return "\0" not in value
+
+
+def _told(value: object) -> str:
+    return shown(repr(value), LONGEST_NAME)
 
 
 def walk(cls: type, prefix: str = "") -> Iterator[Parameter]:
