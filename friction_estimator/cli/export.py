@@ -1,7 +1,6 @@
 """`export`: what was learned, for a controller or a simulator, with the error that each simplification costs."""
 
 import argparse
-import json
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +10,15 @@ from friction_estimator.cli.recorded import load
 from friction_estimator.cli.terminal import say_document
 from friction_estimator.core.errors import InputError
 from friction_estimator.core.fit.band import Curve
+from friction_estimator.core.regular_file import read_regular
+from friction_estimator.documents.load import Limits, parse_json
 from friction_estimator.effects.extension import extension_from_config
 from friction_estimator.export import FORMATS
 from friction_estimator.export.learned import Learned
 from friction_estimator.output.target import write_text
+
+SUMMARY = Limits(size=16 * 2**20, depth=32, nodes=500_000)
+"""Of the summary.json of a run; its curves have 401 points a joint."""
 
 
 def add_parser(subparsers: common.Subparsers) -> None:
@@ -103,11 +107,11 @@ def _recordings(path: Path) -> list[str]:
 def _curve(summary: Path) -> Curve | None:
     """Return the curve with its band that a run wrote beside its config.yaml; None where there is none."""
     try:
-        curve = json.loads(summary.read_text(encoding="utf-8"))["curve"]
+        curve = parse_json(read_regular(summary, SUMMARY.size), str(summary), SUMMARY)["curve"]
         share = curve["learned_share"]
         velocity, *forces = (np.array(curve[key], float) for key in ("velocity_m_s", "friction_N", "low_N", "high_N"))
         pressure, temperature = float(curve["pressure_Pa"]), float(curve["temperature_degC"])
-    except (OSError, ValueError, KeyError, TypeError):
+    except (InputError, ValueError, KeyError, TypeError):
         return None
     friction, low, high = forces
     if not all(np.isfinite(column).all() and column.shape == velocity.shape for column in (velocity, *forces)):
