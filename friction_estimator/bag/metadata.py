@@ -4,6 +4,7 @@ rosbags reads the file as well, with a parser that follows merges without limit.
 """
 
 from pathlib import Path, PurePath
+from typing import Any
 
 from friction_estimator.core.errors import InputError
 from friction_estimator.core.text import shown
@@ -68,20 +69,28 @@ _RECORDING = Schema(
 )
 
 
-def storage_files(folder: Path) -> list[Path]:
-    """Return the files of the recording in a folder, in order; they lie in it, whatever its metadata says.
+def information(folder: Path) -> dict[str, Any]:
+    """Return what the metadata.yaml in a folder says of its recording.
 
-    Raises InputError where metadata.yaml cannot be read or is none; one line that names it and the place.
+    Raises InputError where it cannot be read or is none; one line that names it and the place.
     """
     source = folder / NAME
     try:
         document = load_yaml(source, LIMITS)
         _RECORDING.check(document, shown(source))
-        about = document["rosbag2_bagfile_information"]
+        about: dict[str, Any] = document["rosbag2_bagfile_information"]
         for topic in about["topics_with_message_count"]:
             profiles = topic["topic_metadata"].get("offered_qos_profiles")
             if isinstance(profiles, str):  # YAML within YAML, which rosbags reads too
                 parse_yaml(profiles, f"{shown(source)}: offered_qos_profiles", LIMITS)
     except InputError as error:
         raise InputError(f"{shown(folder)} is damaged: {error}; `ros2 bag reindex` writes its {NAME} anew") from error
-    return [folder / PurePath(name).name for name in about["relative_file_paths"]]
+    return about
+
+
+def storage_files(folder: Path) -> list[Path]:
+    """Return the files of the recording in a folder, in order; they lie in it, whatever its metadata says.
+
+    Raises InputError as `information` does.
+    """
+    return [folder / PurePath(name).name for name in information(folder)["relative_file_paths"]]
