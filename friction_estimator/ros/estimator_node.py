@@ -11,7 +11,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import SetBool, Trigger
 
-from friction_estimator.core.errors import ConfigError, FrictionEstimatorError
+from friction_estimator.core.errors import ConfigError, FrictionEstimatorError, sentence
 from friction_estimator.core.fit.band import Curve
 from friction_estimator.core.intake.pairing import FRICTION, VELOCITY
 from friction_estimator.core.model.structure import Parameters
@@ -19,6 +19,7 @@ from friction_estimator.core.online.estimator import CHOSEN, Estimator, stated_c
 from friction_estimator.core.settings.config import PARAMETERS, Config
 from friction_estimator.core.settings.setting import Value
 from friction_estimator.core.settings.units import NO_FORCE, NO_VELOCITY
+from friction_estimator.core.text import shown
 from friction_estimator.ros.arguments import beside_its_file
 from friction_estimator.ros.health import STILL_NEEDED, Health
 from friction_estimator.ros.outputs import Outputs
@@ -218,13 +219,11 @@ class EstimatorNode(ConfiguredNode):
 
         def respond(request: Any, response: Any) -> Any:
             try:
-                response.message = answer(request)
-                response.success = True
-            except FrictionEstimatorError as error:
-                response.success, response.message = False, str(error)
+                response.success, response.message = True, shown(answer(request))
             except Exception as error:
-                self.health.exception(name, error)
-                response.success, response.message = False, f"{type(error).__name__}: {error}"
+                if not isinstance(error, FrictionEstimatorError):
+                    self.health.exception(name, error)
+                response.success, response.message = False, sentence(error)
             return response
 
         self.create_service(kind, name, respond)

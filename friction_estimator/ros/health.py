@@ -7,11 +7,13 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
+from friction_estimator.core.errors import sentence
 from friction_estimator.core.fit.band import Curve
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.sample import NS_PER_S
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import MOTION_S, REVERSALS
+from friction_estimator.core.text import LONGEST_NAME, shown
 from friction_estimator.ros.silence import Finding, Findings, explain, stamp_offset_s
 from friction_estimator.ros.sources import Source
 from friction_estimator.ros.stream import SampleStream
@@ -49,7 +51,7 @@ class Health:
     def exception(self, where: str, error: BaseException) -> None:
         """Count and report an exception that a callback met."""
         self.exceptions += 1
-        self.last_exception = f"{where}: {type(error).__name__}: {error}"
+        self.last_exception = f"{where}: {sentence(error)}"
         self._node.get_logger().error(self.last_exception, throttle_duration_sec=5.0)
 
     def inputs_changed(self) -> None:
@@ -198,8 +200,8 @@ class Health:
             name=f"{name}: {part}",
             hardware_id=name,
             level=level,
-            message=words,
-            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+            message=shown(words),
+            values=[KeyValue(key=shown(key, LONGEST_NAME), value=shown(value)) for key, value in values.items()],
         )
 
 

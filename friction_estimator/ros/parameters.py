@@ -18,9 +18,11 @@ from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.errors import ConfigError, sentence
 from friction_estimator.core.settings.config import PARAMETERS, RETIRED, Config, parameter, retired
 from friction_estimator.core.settings.setting import Parameter, Value
+from friction_estimator.core.text import shown
+from friction_estimator.ros.log import SafeLogger
 
 _ROS_OWN = ("use_sim_time", "start_type_description_service")
 _TYPES = {
@@ -110,6 +112,8 @@ class ConfiguredNode(Node):  # type: ignore[misc]
     retired : one line for each start-up value of an earlier version, which is passed over.
     """
 
+    _safe_logger: SafeLogger | None = None
+
     def __init__(self, name: str) -> None:
         self.config = Config()
         self.refused: list[str] = []
@@ -145,6 +149,12 @@ class ConfiguredNode(Node):  # type: ignore[misc]
         if empty:
             super().set_parameters_atomically(empty)
 
+    def get_logger(self) -> SafeLogger:
+        """Return the node's logger; whatever it is given becomes one safe line."""
+        if self._safe_logger is None:  # rclpy may ask during construction
+            self._safe_logger = SafeLogger(super().get_logger().name)
+        return self._safe_logger
+
     def localised(self, name: str, value: Value) -> Value:
         """Return a start-up value as this machine understands it (relative paths)."""
         del name
@@ -176,11 +186,11 @@ class ConfiguredNode(Node):  # type: ignore[misc]
             changed += [name for name in values if PARAMETERS[name].learned and name not in changed]
             self.check_change(config, changed)
         except ConfigError as error:
-            return SetParametersResult(successful=False, reason=str(error))
+            return SetParametersResult(successful=False, reason=sentence(error))
         result = super().set_parameters_atomically(passed)
         if not result.successful:
             names = ", ".join(given.name for given in passed)
-            result.reason = f"{names}: {result.reason}"
+            result.reason = shown(f"{names}: {result.reason}")
             return result
         self.config = config
         self.apply_change(config, changed)

@@ -15,6 +15,7 @@ from rclpy.qos import QoSCompatibility, qos_check_compatible
 
 from friction_estimator.core.sample import NS_PER_S
 from friction_estimator.core.settings.config import Config
+from friction_estimator.core.text import LONGEST_NAME, shown
 from friction_estimator.ros.sources import Source, type_name
 from friction_estimator.ros.wire import frame_id
 
@@ -188,9 +189,13 @@ def _content(config: Config, source: Source, messages: int) -> Iterator[Finding]
     if source.strange_frame:
         yield Finding(
             f"{source.name}: frame",
-            f"{source.topic}: expected frame {frame_id(source.first_frame)!r} as in the first message, "
-            f"seen {frame_id(source.strange_frame)!r}; do two sensors publish on it?",
+            f"{source.topic}: expected frame {_quoted(source.first_frame)} as in the first message, "
+            f"seen {_quoted(source.strange_frame)}; do two sensors publish on it?",
         )
+
+
+def _quoted(frame: bytes) -> str:
+    return f"'{shown(frame_id(frame), LONGEST_NAME)}'"
 
 
 def _name(node: Node) -> str:
