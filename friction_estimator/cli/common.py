@@ -102,6 +102,8 @@ def add_json_option(parser: argparse.ArgumentParser) -> None:
 def _json_target(text: str) -> str:
     if text != "-" and (Path(text).suffix in _RECORDING_SUFFIXES or Path(text).is_dir()):
         raise argparse.ArgumentTypeError(f"{text} is no JSON file; write `--json -` to print")
+    if text == "-" and sys.stdout is None:
+        raise argparse.ArgumentTypeError("stdout is closed, the result cannot be printed; name a file")
     return text
 
 
@@ -126,8 +128,6 @@ class Output:
         refusal: Refusal | None = None,
         inputs: Sequence[str] = (),
     ) -> None:
-        if json_target == "-" and sys.stdout is None:
-            raise InputError("--json -: stdout is closed, the result cannot be printed")
         self._prints = json_target == "-"
         self._files = RunOutput(out, refusal, None if self._prints else json_target, inputs)
 

@@ -6,18 +6,16 @@ cursor nor forge a line.
 
 import argparse
 import logging
-import os
 import signal
 import sys
 import threading
-import traceback
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import IO, Any, NoReturn
+from typing import Any, NoReturn
 
-from friction_estimator.core.errors import FAULT, exit_code, sentence
 from friction_estimator.core.text import LONGEST, shown
+from friction_estimator.streams import complain, into_the_void, open_standard_streams, told
 
 PROGRAM = "friction_estimator"
 
@@ -71,14 +69,6 @@ def warn(text: str) -> None:
     complain(f"{PROGRAM}: warning: {text}")
 
 
-def complain(text: str, limit: int = LONGEST) -> None:
-    """Print a line on stderr; where that is closed too, nobody can be told."""
-    try:
-        print(shown(text, limit), file=sys.stderr, flush=True)
-    except (OSError, ValueError):
-        _into_the_void(sys.stderr)
-
-
 def guarded(name: str, body: Callable[[], int], arguments: Sequence[str] = ()) -> int:
     """Run a verb; turn any failure into one line on stderr and an exit code.
 
@@ -94,7 +84,7 @@ def guarded(name: str, body: Callable[[], int], arguments: Sequence[str] = ()) -
     went away, 143 for SIGTERM and 129 for SIGHUP after the temporary files are gone.
     """
     debug = "--debug" in arguments
-    _open_standard_streams()
+    open_standard_streams()
     try:
         with _orderly_termination(), _libraries_quiet(debug):
             try:
@@ -105,17 +95,11 @@ def guarded(name: str, body: Callable[[], int], arguments: Sequence[str] = ()) -
             _flush()
             return code
     except BrokenPipeError:
-        _into_the_void(sys.stdout)
+        into_the_void(sys.stdout)
         return CLOSED_PIPE
     except (Exception, KeyboardInterrupt) as error:
-        code = exit_code(error)
-        if debug:
-            for line in traceback.format_exc().splitlines():
-                complain(line)
-        hint = "" if debug or code != FAULT else "; --debug shows the trace, please report it"
         _settle()
-        complain(f"{name}: {sentence(error)}{hint}")
-        return code
+        return told(name, error, debug=debug)
 
 
 @contextmanager
@@ -140,33 +124,7 @@ def _settle() -> None:
     try:
         _flush()
     except OSError:
-        _into_the_void(sys.stdout)
-
-
-def _into_the_void(stream: IO[str]) -> None:
-    """Let the interpreter, which flushes once more at its end, have somewhere to flush to."""
-    try:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-    except (OSError, ValueError):
-        return
-
-
-def _open_standard_streams() -> None:
-    """Put /dev/null where a standard stream is closed, so that no file that is opened gets its number.
-
-    A library that writes to descriptor 1 or 2 would otherwise write into the user's data. What no encoding of the
-    terminal holds is escaped.
-    """
-    for number in range(3):
-        try:
-            os.fstat(number)
-        except OSError:
-            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number
-    if sys.stderr is None:
-        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 - as long as the process
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="backslashreplace")
+        into_the_void(sys.stdout)
 
 
 @contextmanager

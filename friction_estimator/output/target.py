@@ -102,7 +102,7 @@ def _refuse_fixed(path: Path) -> None:
 
 def _send(part: Path, path: StrPath) -> None:
     """Write a file into a stream."""
-    for stream in (sys.stdout, sys.stderr):
+    for stream in filter(None, (sys.stdout, sys.stderr)):  # None where it was closed at the start
         stream.flush()
     number = descriptor_of(path)
     try:

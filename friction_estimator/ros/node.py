@@ -8,10 +8,12 @@ import gc
 import logging
 import os
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from friction_estimator.ros.stop_signals import StopSignals
+from friction_estimator.streams import open_standard_streams, told
 from friction_estimator.threads import one_thread
 
 SPIN_S = 0.1
@@ -21,31 +23,19 @@ SPIN_S = 0.1
 def main() -> None:
     """Run the node until a signal ends it; end the process with 0, 2 for unusable arguments, 70 for a fault."""
     signals = StopSignals()
+    open_standard_streams()
     one_thread()
     try:
         _run(sys.argv, signals)
         code = 0
     except Exception as error:
-        code = _failed(error)
+        code = told("friction_estimator", error, debug="--debug" in sys.argv)
     # All is saved and shut down; taking the interpreter apart (numba, LLVM) can last seconds on a busy machine.
     logging.shutdown()
-    sys.stdout.flush()
-    sys.stderr.flush()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, AttributeError):  # closed, or its reader went away
+            stream.flush()
     os._exit(code)
-
-
-def _failed(error: Exception) -> int:
-    """Tell a failure in one line; return its exit code."""
-    import traceback  # noqa: PLC0415 - seldom needed
-
-    from friction_estimator.core.errors import FAULT, exit_code, sentence  # noqa: PLC0415
-
-    code, debug = exit_code(error), "--debug" in sys.argv
-    if debug:
-        traceback.print_exception(error)
-    hint = "" if debug or code != FAULT else "; --debug shows the trace, please report it"
-    print(f"friction_estimator: {sentence(error)}{hint}", file=sys.stderr)
-    return code
 
 
 def _run(arguments: list[str], signals: StopSignals) -> None:
