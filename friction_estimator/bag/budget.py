@@ -41,6 +41,15 @@ def megabytes(size: float) -> str:
     return f"{size / 1e6:.0f} MB"
 
 
+def check_table(size: float) -> None:
+    """Raise TooLargeError where the columns that are to be read of a table are beyond `TABLE_BYTES`."""
+    if size > TABLE_BYTES:
+        raise TooLargeError(
+            f"{megabytes(size)}, where {megabytes(TABLE_BYTES)} are the most that is read at once: "
+            "save what is needed of it, in columns of their own or in pieces"
+        )
+
+
 def unpack(data: bytes | memoryview, compression: str, limit: int = PIECE_BYTES) -> bytes:
     """Return what a piece of a recording unpacks to: all frames of it, as recorders write them.
 

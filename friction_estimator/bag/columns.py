@@ -2,9 +2,9 @@
 
 import difflib
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,18 @@ from friction_estimator.core.errors import InputError
 from friction_estimator.core.sample import Floats
 
 Columns = dict[str, NDArray[Any]]
+
+
+class TableFile(Protocol):
+    """An open table."""
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Its columns."""
+
+    def read(self, wanted: Sequence[str]) -> Columns:
+        """Return some of its columns, each (n,)."""
+
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _TERM = re.compile(

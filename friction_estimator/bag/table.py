@@ -21,11 +21,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from friction_estimator.bag.columns import Columns, Term, empty
+from friction_estimator.bag.columns import Columns, TableFile, Term, empty
 from friction_estimator.bag.messages import INPUTS
-from friction_estimator.bag.table_files import TableFile, open_table
+from friction_estimator.bag.table_files import open_table
 from friction_estimator.bag.topics import REQUIRED
-from friction_estimator.core.errors import InputError, UnanswerableError
+from friction_estimator.core.errors import InputError, UnanswerableError, about
 from friction_estimator.core.intake.pairing import LARGEST_VALUE
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Ints, Samples
 
@@ -95,13 +95,8 @@ def read_table(path: str | PathLike[str], spec: TableSpec) -> tuple[Samples, Tab
     UnanswerableError where no usable row is left.
     """
     source = Path(path)
-    try:
-        with open_table(source) as table:
-            return _samples(table, spec)
-    except (InputError, UnanswerableError) as error:
-        if str(source) in str(error):
-            raise
-        raise type(error)(f"{source}: {error}") from error
+    with about(source), open_table(source) as table:
+        return _samples(table, spec)
 
 
 def _samples(table: TableFile, spec: TableSpec) -> tuple[Samples, TableReport]:

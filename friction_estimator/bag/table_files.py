@@ -11,32 +11,21 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, Protocol
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from friction_estimator.bag import mat
-from friction_estimator.bag.budget import TABLE_BYTES, TooLargeError, megabytes
-from friction_estimator.bag.columns import Columns
+from friction_estimator.bag import apart
+from friction_estimator.bag.budget import TooLargeError, check_table
+from friction_estimator.bag.columns import Columns, TableFile
 from friction_estimator.core.errors import FrictionEstimatorError, InputError
 
 _HEADER_BYTES = 1 << 20
 """Longest header line of a CSV file: a hundred thousand columns."""
 
 _CELLS = 1 << 20
-"""Cells of a CSV or .parquet file that are taken apart at a time."""
-
-
-class TableFile(Protocol):
-    """An open table."""
-
-    @property
-    def names(self) -> Sequence[str]:
-        """Its columns."""
-
-    def read(self, wanted: Sequence[str]) -> Columns:
-        """Return some of its columns, each (n,)."""
+"""Cells of a CSV file that are taken apart at a time."""
 
 
 @contextmanager
@@ -48,8 +37,8 @@ def open_table(path: Path) -> Iterator[TableFile]:
 
     Raises
     ------
-    InputError, here or by `read`: the file cannot be read, what reads it is not installed, or the wanted columns
-    unpack to more than `budget.TABLE_BYTES`.
+    InputError, here or by `read`: the file cannot be read, or the wanted columns unpack to more than
+    `budget.TABLE_BYTES`; ImportError where what reads it is not installed.
     """
     opener = _OPENERS.get(path.suffix.lower())
     if opener is None:
@@ -61,14 +50,12 @@ def open_table(path: Path) -> Iterator[TableFile]:
     try:
         with opener(path) as table:
             yield table
-    except FrictionEstimatorError:
+    except (FrictionEstimatorError, ImportError):
         raise
-    except ImportError as error:
-        missing = "pyarrow" if path.suffix == ".parquet" and error.name != "pandas" else error.name
-        raise InputError(f"reading {path} needs {missing}: pip install {missing}") from error
-    except (TooLargeError, MemoryError) as error:
-        told = str(error) or f"more than {megabytes(TABLE_BYTES)}"
-        raise InputError(f"{path} unpacks to {told}: {mat.SAVE_LESS}") from error
+    except TooLargeError as error:
+        raise InputError(f"{path} unpacks to {error}") from error
+    except MemoryError as error:
+        raise InputError(f"{path} unpacks to more memory than there is: give it in pieces") from error
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or _line(error)}") from error
     except Exception as error:  # parsers raise many kinds
@@ -77,11 +64,6 @@ def open_table(path: Path) -> Iterator[TableFile]:
 
 def _line(error: Exception) -> str:
     return " ".join(str(error).split()) or type(error).__name__
-
-
-def _check_size(size: float) -> None:
-    if size > TABLE_BYTES:
-        raise TooLargeError(f"{megabytes(size)}, where {megabytes(TABLE_BYTES)} are the most that is read at once")
 
 
 class _Csv:
@@ -118,7 +100,7 @@ class _Csv:
             for whole in chunks:
                 chunk = whole.iloc[:, list(places.values())].copy()
                 size += int(chunk.memory_usage(index=False).sum())
-                _check_size(size)
+                check_table(size)
                 parts.append(chunk)
         return {name: _joined([part[self._columns[k]].to_numpy() for part in parts]) for name, k in places.items()}
 
@@ -128,34 +110,6 @@ def _joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
     if any(part.dtype.hasobject for part in parts):
         parts = [part.astype(object) for part in parts]
     return np.concatenate(parts)
-
-
-class _Parquet:
-    def __init__(self, path: Path) -> None:
-        from pyarrow import parquet  # noqa: PLC0415 - optional at run time
-
-        self._file = parquet.ParquetFile(path)
-        self.names = list(self._file.schema_arrow.names)
-
-    def read(self, wanted: Sequence[str]) -> Columns:
-        about = self._file.metadata
-        declared = 0
-        for k in range(about.num_row_groups):
-            group = about.row_group(k)
-            for j in range(group.num_columns):
-                column = group.column(j)
-                if column.path_in_schema.partition(".")[0] in wanted:
-                    declared += max(column.total_uncompressed_size, 8 * group.num_rows)
-        _check_size(declared)
-        parts: dict[str, list[NDArray[Any]]] = {name: [] for name in wanted}
-        size = 0
-        for batch in self._file.iter_batches(columns=list(wanted), batch_size=_CELLS // max(1, len(wanted))):
-            frame = batch.to_pandas()
-            size += int(frame.memory_usage(index=False).sum())
-            _check_size(size)
-            for name, found in parts.items():
-                found.append(frame[name].to_numpy())
-        return {name: _joined(found) if found else np.zeros(0) for name, found in parts.items()}
 
 
 @dataclass(frozen=True)
@@ -190,7 +144,7 @@ class _Npz:
                 raise InputError(
                     f"{self._path}: {name} holds Python objects, not numbers: save it as an array of numbers"
                 )
-        _check_size(sum(self._size(name) for name in needed))
+        check_table(sum(self._size(name) for name in needed))
         arrays = {name: self._array(name) for name in needed}
         columns = {}
         for name in wanted:
@@ -233,16 +187,10 @@ def _csv(path: Path) -> Iterator[TableFile]:
     yield _Csv(path)
 
 
-@contextmanager
-def _parquet(path: Path) -> Iterator[TableFile]:
-    yield _Parquet(path)
-
-
 _OPENERS: dict[str, Callable[[Path], AbstractContextManager[TableFile]]] = {
     ".csv": _csv,
     ".tsv": _csv,
     ".txt": _csv,
     ".npz": _npz,
-    ".mat": mat.opened,
-    ".parquet": _parquet,
+    **dict.fromkeys(apart.SUFFIXES, apart.opened),
 }
