@@ -16,6 +16,7 @@ from rosbags.rosbag2 import Reader as Reader2
 from friction_estimator.bag import mcap, metadata
 from friction_estimator.bag.mcap import Batch
 from friction_estimator.core.errors import FrictionEstimatorError, InputError
+from friction_estimator.core.text import is_utf8
 
 BATCH = 8192
 """Messages handed on at a time: bounds the memory of a pass over a recording."""
@@ -162,6 +163,8 @@ def _check_kind(path: Path) -> None:
         raise InputError(f"{path} is a table, no recording; turn it into one with `friction_estimator import`")
     elif path.suffix not in STORAGE_SUFFIXES:
         raise InputError(f"{path} is no recording; {_EXPECTED}")
+    elif path.suffix == ".db3" and not is_utf8(str(path)):
+        raise InputError(f"{path}: sqlite opens no file whose path is no UTF-8; rename it")
     elif not path.stat().st_size:
         raise InputError(f"{path} is empty (0 bytes): nothing was recorded, or the recorder was killed")
 

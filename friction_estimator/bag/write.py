@@ -23,6 +23,7 @@ from friction_estimator.bag.serialise import Template, array_template, sample_te
 from friction_estimator.bag.source import Source
 from friction_estimator.core.errors import InputError
 from friction_estimator.core.sample import Floats, Ints, Samples
+from friction_estimator.core.text import is_utf8
 from friction_estimator.output.staging import Refusal
 from friction_estimator.output.target import Target
 
@@ -200,8 +201,12 @@ def refusal_at(path: str | PathLike[str]) -> Refusal | None:
 def storage_of(path: str | PathLike[str], storage: str | None = None) -> str:
     """Return the storage of a recording: as asked for, else by its name, else mcap.
 
-    Raises InputError where what is asked for contradicts the name.
+    Raises InputError where what is asked for contradicts the name, or where metadata.yaml cannot hold the name.
     """
+    if not is_utf8(Path(path).name):
+        raise InputError(
+            f"cannot write {path}: its name stands in the recording, as UTF-8, which it is not; choose another name"
+        )
     by_name = _SUFFIXES.get(Path(path).suffix)
     if storage is not None and by_name not in (None, storage):
         raise InputError(f"cannot write {path} as {storage}: its name says {by_name}; choose another name")

@@ -15,11 +15,15 @@ from friction_estimator.cli import side_by_side
 from friction_estimator.cli.common import to_json
 from friction_estimator.core.online.replay import Replay
 from friction_estimator.core.sample import Floats, Ints
+from friction_estimator.core.text import shown
 from friction_estimator.documents.configuration import write_config
 from friction_estimator.output.layout import Layout, only
 from friction_estimator.report.figures import FIGURES, write_figures
 from friction_estimator.report.html import Section, write_page
 from friction_estimator.report.style import SUFFIXES
+
+LONGEST_FOLDER = 60
+"""Characters of a recording's name that are taken over: with four bytes each a file system takes them."""
 
 
 def _recordings_refusal(folder: Path) -> str | None:
@@ -93,7 +97,7 @@ def write_bags(path: Path, recordings: Sequence[Recording], result: Replay) -> N
     digits = len(str(len(recordings)))
     for number, (recording, part) in enumerate(zip(recordings, result.parts, strict=True), start=1):
         name = recording.path.name if recording.path.is_dir() else recording.path.stem
-        write_bag(path / f"{number:0{digits}d}_{name}", recording, result, part)
+        write_bag(path / f"{number:0{digits}d}_{shown(name, LONGEST_FOLDER)}", recording, result, part)
 
 
 def write_bag(path: Path, recording: Recording, result: Replay, part: slice = slice(None)) -> None:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NoReturn
 
-from friction_estimator.core.text import LONGEST, shown
+from friction_estimator.core.text import LONGEST, LONGEST_PARAGRAPH, shown
 from friction_estimator.streams import complain, into_the_void, open_standard_streams, told
 
 PROGRAM = "friction_estimator"
@@ -23,9 +23,6 @@ EXIT_CODES = """exit codes: 0 done; 1 ran, but the data cannot answer (a readabl
 or without a usable sample, an undecidable diagnosis); 2 usage or unreadable input; 70 a fault of the
 program (--debug shows the trace); 129, 130, 143 hung up, interrupted, terminated;
 141 the reader of the output went away"""
-
-LONGEST_LINE = 20_000
-"""Characters of one line of a result: it may hold a command with many recordings, which is copied."""
 
 CLOSED_PIPE = 141
 
@@ -52,10 +49,10 @@ class Parser(argparse.ArgumentParser):
 def say(text: str, *, aside: bool = False, flush: bool = False) -> None:
     """Print a line of the result on stdout, or beside a result on stderr; `flush` where somebody waits for it."""
     if aside:
-        complain(text, LONGEST_LINE)
+        complain(text, LONGEST_PARAGRAPH)
         return
     with _naming_stdout():
-        print(shown(text, LONGEST_LINE), flush=flush)
+        print(shown(text, LONGEST_PARAGRAPH), flush=flush)
 
 
 def say_document(text: str) -> None:

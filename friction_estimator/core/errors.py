@@ -40,7 +40,8 @@ class FrictionEstimatorError(Exception):
         self.what, self.where, self.remedy = what, str(where), remedy
 
     def __str__(self) -> str:
-        place = f"{self.where}: " if self.where and self.where not in self.what else ""
+        named = not self.where or self.where in self.what or shown(self.where) in self.what
+        place = "" if named else f"{self.where}: "
         return f"{place}{self.what}" + (f"; {self.remedy}" if self.remedy else "")
 
 

@@ -3,6 +3,9 @@
 LONGEST = 2000
 """Characters that one line for a terminal, a log or diagnostics holds at most."""
 
+LONGEST_PARAGRAPH = 20_000
+"""Characters of a paragraph or a line of a result: it may hold a command with many recordings, which is copied."""
+
 LONGEST_NAME = 200
 """Characters of one name or value within such a line."""
 
@@ -38,6 +41,19 @@ def shown(text: object, limit: int = LONGEST) -> str:
     head = (limit - len(left_out)) * 2 // 3
     tail = limit - len(left_out) - head
     return _fitting(whole[:head], head) + left_out + _fitting(whole[-tail:], tail, from_end=True)
+
+
+def is_utf8(text: str) -> bool:
+    r"""Return whether text can be written as UTF-8: the name of a file may hold bytes that are none.
+
+    >>> is_utf8("räder"), is_utf8("r\udce4der")
+    (True, False)
+    """
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _line(text: str) -> str:

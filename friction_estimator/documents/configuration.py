@@ -9,7 +9,7 @@ import yaml
 
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.settings.config import PATHS, Config
-from friction_estimator.core.text import LONGEST_NAME, shown
+from friction_estimator.core.text import LONGEST_NAME, LONGEST_PARAGRAPH, shown
 from friction_estimator.documents.load import load_yaml
 from friction_estimator.documents.schema import Schema
 from friction_estimator.output.target import write_text
@@ -133,7 +133,7 @@ def write_config(path: str | os.PathLike[str], config: Config, *, header: str = 
         for group in groups:
             place = place.setdefault(group, {})
         place[leaf] = value
-    comment = "".join(f"# {line}\n" for line in header.splitlines())
+    comment = "".join(f"# {shown(line, LONGEST_PARAGRAPH)}\n" for line in header.splitlines())
     write_text(path, comment + parameter_text({"/**": {PARAMETERS: tree}}))
 
 

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
 
+from friction_estimator.core.text import LONGEST_PARAGRAPH, shown
+
 _STYLE = """
 :root { color-scheme: light; }
 body { font: 15px/1.5 system-ui, sans-serif; color: #1d232a; background: #fff; margin: 0 auto; max-width: 62rem;
@@ -45,25 +47,30 @@ def write_page(path: str | os.PathLike[str], title: str, lead: str, sections: It
     Path(path).write_text(
         f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n"
-        f'<h1>{escape(title)}</h1>\n<p class="lead">{escape(lead)}</p>\n{body}</body>\n</html>\n',
+        f"<title>{_text(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n"
+        f'<h1>{_text(title)}</h1>\n<p class="lead">{_text(lead)}</p>\n{body}</body>\n</html>\n',
         encoding="utf-8",
     )
 
 
+def _text(value: object) -> str:
+    """Return text for the page: what is no printable character is an escape, there as on a terminal."""
+    return escape(shown(value, LONGEST_PARAGRAPH))
+
+
 def _section(section: Section) -> str:
-    parts = [f"<h2>{escape(section.title)}</h2>\n"]
-    parts += [f"<p>{escape(text)}</p>\n" for text in section.paragraphs]
+    parts = [f"<h2>{_text(section.title)}</h2>\n"]
+    parts += [f"<p>{_text(text)}</p>\n" for text in section.paragraphs]
     if section.table:
         head, *rows = section.table
-        parts.append("<table>\n<tr>" + "".join(f"<th>{escape(str(cell))}</th>" for cell in head) + "</tr>\n")
+        parts.append("<table>\n<tr>" + "".join(f"<th>{_text(cell)}</th>" for cell in head) + "</tr>\n")
         parts += ["<tr>" + "".join(_cell(cell) for cell in row) + "</tr>\n" for row in rows]
         parts.append("</table>\n")
     for file, caption in section.figures:
         data = base64.b64encode(file.read_bytes()).decode("ascii")
         parts.append(
-            f'<figure><img alt="{escape(caption)}" src="data:image/png;base64,{data}">'
-            f"<figcaption>{escape(caption)}</figcaption></figure>\n"
+            f'<figure><img alt="{_text(caption)}" src="data:image/png;base64,{data}">'
+            f"<figcaption>{_text(caption)}</figcaption></figure>\n"
         )
     return "".join(parts)
 
@@ -71,4 +78,4 @@ def _section(section: Section) -> str:
 def _cell(value: object) -> str:
     if isinstance(value, float):
         return f'<td class="number">{value:.4g}</td>'
-    return f"<td>{escape(str(value))}</td>"
+    return f"<td>{_text(value)}</td>"
