@@ -42,11 +42,11 @@ def add_parser(subparsers: common.Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb; 1 for the verdict `undecidable`."""
-    with common.Output(args.json, args.out, _refusal, common.paths_read(args)) as output:
+    with common.Output(args.json, args.out, refusal, common.paths_read(args)) as output:
         return _run(args, output)
 
 
-def _refusal(folder: Path) -> str | None:
+def refusal(folder: Path) -> str | None:
     """Return why a folder may not be replaced by a diagnosis."""
     from friction_estimator.effects import EFFECTS  # noqa: PLC0415
     from friction_estimator.report.diagnosis_figures import REMAINDER  # noqa: PLC0415

@@ -135,6 +135,8 @@ class Staging:
     def replacement(self, refusal: Refusal) -> Iterator[Path]:
         """Yield a path for a folder; it replaces the target when the block ends without an exception.
 
+        The former folder goes when the staging folder is given up: until then whoever reads it can go on.
+
         Parameters
         ----------
         refusal : asked before and after the exchange, so that what came into the former folder meanwhile is kept.
@@ -142,6 +144,7 @@ class Staging:
         Raises InputError where it cannot be written, or what stands there may not be replaced.
         """
         former = self.folder / _FORMER
+        remove_tree(former)
         with self._part() as part:
             yield part
             refuse(self.target, refusal)
@@ -150,7 +153,6 @@ class Staging:
             if reason is not None:
                 exchange(former, self.target, part)
                 raise InputError(f"cannot replace {self.target}: {reason}")
-            remove_tree(former)
 
     @contextmanager
     def _part(self) -> Iterator[Path]:

@@ -80,7 +80,9 @@ CASES = {
     "simulate_mcap": Case(
         "run.mcap", "result.json", *(verb("simulate", *_SHORT, "--seed", s, out="run.mcap") for s in "12")
     ),
-    "simulate_db3": Case("run.db3", "result.json", *(verb("simulate", *_SHORT, "--seed", s, out="run.db3") for s in "12")),
+    "simulate_db3": Case(
+        "run.db3", "result.json", *(verb("simulate", *_SHORT, "--seed", s, out="run.db3") for s in "12")
+    ),
     "simulate_sqlite3": Case(
         "run", "result.json", *(verb("simulate", *_SHORT, "--seed", s, "--storage", "sqlite3") for s in "12")
     ),
@@ -94,7 +96,8 @@ CASES = {
         ("friction_estimator.diagnosis.diagnose:diagnose",),
     ),
     "reproduce": Case(
-        "run", "result.json", verb(*_REPRODUCE), verb(*_REPRODUCE[:-1], "31"), ("friction_estimator.cli.reproduce:run_tasks",)
+        "run", "result.json", verb(*_REPRODUCE), verb(*_REPRODUCE[:-1], "31"),
+        ("friction_estimator.cli.reproduce:run_tasks",),
     ),
 }  # fmt: skip
 
