@@ -138,7 +138,7 @@ def test_a_recording_is_replaced_where_it_is_ours_and_nothing_else_is_in_it(plac
     unmarked(place / "bag")
     assert "not written by this program" in refused(capsys, place, *words, "--out", place / "bag")
     assert "no recording" in refused(capsys, place, *words, "--out", place / "run")
-    assert "a file stands there" in refused(capsys, place, *words, "--out", place / "table.txt")
+    assert "a file stands there" in refused(capsys, place, *words, "--out", place / "run" / "config.yaml")
 
 
 def test_results_of_one_kind_do_not_replace_those_of_another(place, capsys):

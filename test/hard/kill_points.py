@@ -1,6 +1,7 @@
 """Kill a verb at its n-th file operation, for every n: what then stands under the output's name, and what is hidden.
 
-`python -m hard.kill_points VERB [--points N] [--seed S]` prints what it found; without `--points` every one is tried.
+`python -m hard.kill_points VERB [--points N] [--random N] [--seed S]` prints what it found; without `--points` every
+operation is tried. `--two-renames` has the verb do as on a file system that cannot exchange two names.
 What a verb computes is computed once and handed to each of its runs: only what it does to files is repeated.
 """
 
@@ -15,14 +16,17 @@ import shutil
 import signal
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from hard.system_calls import run
+from tqdm import tqdm
 
 from friction_estimator.cli.main import main
+from friction_estimator.output import exchange
 from friction_estimator.ros.state import dumps, write_state
 
 Signature = dict[str, str]
@@ -230,7 +234,13 @@ def command_line() -> int:
     parser.add_argument("--points", type=int, help="operations drawn (default: all)")
     parser.add_argument("--random", type=int, default=0, help="kills at random moments after that")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--two-renames", action="store_true", help="as where two names cannot be exchanged")
     args = parser.parse_args()
+    if args.two_renames:
+        exchange._renamed = lambda *_: False
+    # A child that is killed while it holds what all of them share would stop the next one.
+    tqdm.set_lock(threading.RLock())
+    tqdm.monitor_interval = 0
     case = CASES[args.case]
     for name in case.pure:
         remember(name)
