@@ -93,7 +93,7 @@ def kill_at_random(graph: Graph, count: int, seed: int) -> list[str]:
         process.popen.wait(30.0)
         if state.exists():
             try:
-                kept = read_state(state)["estimator"]["arrays"]
+                kept = read_state(state)["arrays"]
             except Exception as error:
                 faults.append(f"run {run}: {error}")
                 continue
@@ -103,7 +103,7 @@ def kill_at_random(graph: Graph, count: int, seed: int) -> list[str]:
             if not all(np.isfinite(array).all() for array in kept.values()):
                 faults.append(f"run {run}: values that are not finite")
             least = samples
-    leftovers = list(graph.folder.glob(".killed.json.*"))
-    if len(leftovers) > count:
+    leftovers = list(graph.folder.glob(".killed.json*"))
+    if len(leftovers) > 1:
         faults.append(f"{len(leftovers)} temporary folders left")
     return faults

@@ -9,13 +9,13 @@ pytest.importorskip("rclpy")
 
 import numpy as np
 import ros_graph
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from ros_graph import Feeder, await_, force, motion
 from ros_lifecycle import kill_at_random, stop_at_random
 from std_srvs.srv import Trigger
 
-from friction_estimator.core.errors import InputError
-from friction_estimator.ros.state import dumps, loads, read_state, sweep, write_state
+from friction_estimator.ros.state import dumps
 
 pytestmark = pytest.mark.ros
 NODE = "/friction_estimator"
@@ -89,10 +89,10 @@ def test_damaged_and_foreign_state_files_are_refused_with_the_reason(graph):
     for content, words in (
         (good[: len(good) // 2], "cut short"),
         (good.replace(b"version", b"Version", 1), "damaged"),
-        (b"", "cut short"),
+        (b"", "no state file"),
         (os.urandom(200), "no state file"),
-        (dumps({"estimator": {"version": 99}}), "version"),
-        (dumps({"something": 1}), "no estimator"),
+        (dumps({"version": 99}), "version"),
+        (dumps({"something": 1}), "lacks version"),
     ):
         state.write_bytes(content)
         answer = graph.call(Trigger, f"{NODE}/load")
@@ -100,6 +100,10 @@ def test_damaged_and_foreign_state_files_are_refused_with_the_reason(graph):
         assert words in answer.message, answer.message
     state.unlink()
     assert "No such file" in graph.call(Trigger, f"{NODE}/load").message
+    state.mkdir()
+    for service in ("load", "save"):
+        assert "it is a folder" in graph.call(Trigger, f"{NODE}/{service}").message
+    state.rmdir()
     state.write_bytes(good)
     assert graph.call(Trigger, f"{NODE}/load").success
     assert process.stop() == 0
@@ -125,32 +129,33 @@ def test_an_unwritable_state_file_is_reported_and_survived(graph):
     assert "Traceback" not in process.output()
 
 
-def test_state_content_round_trip():
-    state = {
-        "a": np.array([1.5, -0.0, 5e-324, np.pi]),
-        "b": np.array([[1, 2], [3, 4]], np.int32),
-        "c": {"d": [1, 2.5, "x", None, True]},
-        "e": np.zeros((0, 3)),
-    }
-    again = loads(dumps(state), "test")
-    for name in ("a", "b", "e"):
-        assert again[name].dtype == state[name].dtype
-        assert again[name].shape == state[name].shape
-        assert again[name].tobytes() == state[name].tobytes()
-    assert again["c"] == state["c"]
+def test_a_state_path_that_is_foreign_hangs_nothing_and_is_told(graph):
+    """A named pipe once held up the start, ~/load and then the signal."""
+    pipe = graph.folder / "pipe"
+    os.mkfifo(pipe)
+    process = graph.start_node({"state.file": str(pipe), "state.period": 0.1})
+    assert "starting cold and not saving" in process.output()
+    for service in ("load", "save"):
+        assert "a named pipe" in graph.call(Trigger, f"{NODE}/{service}").message
+    heard = graph.hear(DiagnosticArray, "/diagnostics")
+    await_(lambda: heard, "diagnostics")
+    said = {item.key: item.value for status in heard[0].status for item in status.values}
+    assert "a named pipe" in said["state file failure"]
+    assert process.stop(signal.SIGTERM) == 0
+    assert "Traceback" not in process.output()
+    assert pipe.is_fifo()
 
 
-def test_sweep_removes_what_killed_writers_left(tmp_path):
-    state = tmp_path / "state.json"
-    write_state(state, dumps({"x": 1}))
-    old, new, other = tmp_path / ".state.json.old", tmp_path / ".state.json.new", tmp_path / ".other.json.old"
-    for folder in (old, new, other):
-        folder.mkdir()
-        os.utime(folder, (1, 1) if folder is not new else None)
-    sweep(state)
-    assert not old.exists()
-    assert new.exists()
-    assert other.exists()
-    assert read_state(state) == {"x": 1}
-    with pytest.raises(InputError, match="cannot read"):
-        read_state(tmp_path / "none.json")
+def test_two_nodes_with_one_state_file_do_not_both_save(graph):
+    state = graph.folder / "state.json"
+    first = graph.start_node({"state.file": str(state)})
+    second = graph.start_node({"state.file": str(state)}, namespace="/second")
+    assert f"in use by process {first.pid}" in second.output()
+    answer = graph.call(Trigger, "/second/friction_estimator/save")
+    assert not answer.success
+    assert f"process {first.pid}" in answer.message
+    assert not state.exists()
+    assert first.stop() == 0
+    assert graph.call(Trigger, "/second/friction_estimator/save").success
+    assert second.stop() == 0
+    assert [name for name in os.listdir(graph.folder) if "state.json" in name] == ["state.json"]

@@ -363,8 +363,7 @@ class EstimatorNode(ConfiguredNode):
 
     def close(self) -> None:
         """Save the state; the last act before the node is destroyed."""
-        if self._stream.estimator is not None:
-            self._keeper.close(self._stream.estimator)
+        self._keeper.close(self._stream.estimator)
 
 
 def build(config: Config) -> Estimator:

@@ -1,90 +1,192 @@
 """The state file: what the estimator has learned, on disk, whole or not at all.
 
-One JSON document with a checksum over its content; arrays are base64 of their bytes, so that a restored state
-is bit-equal. It is written aside and renamed, so that a node killed at any moment leaves the last complete one.
+One JSON document with a checksum over its content; arrays are base64 of their bytes, so that a restored state is
+bit-equal. A file is one of ours by its first bytes; nothing else is ever read further, renamed or replaced.
 """
 
 import base64
-import binascii
-import contextlib
 import hashlib
 import json
 import os
-import shutil
-import time
 from collections.abc import Mapping
+from enum import Enum
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from friction_estimator.core.errors import InputError
-from friction_estimator.output.target import replacing_file
+from friction_estimator.core.regular_file import open_regular, read_regular
+from friction_estimator.core.text import LONGEST_NAME, shown
+from friction_estimator.documents.load import Limits, parse_json
+from friction_estimator.documents.schema import Schema
+from friction_estimator.output.staging import Staging
 
-FORMAT = "friction_estimator/state/1"
+_FAMILY = "friction_estimator/state/"
+FORMAT = f"{_FAMILY}1"
+_HEAD = f'{{"format": "{_FAMILY}'.encode()
+
+LIMITS = Limits(size=128 * 2**20, depth=8, nodes=20_000)
+"""Of a state: the root of the covariance of 3,400 parameters, and reading it takes less than 1 GB."""
+
+_MOST_ASIDE = 1000
+"""Refused files that are kept beside a state file, each under a number of its own."""
+
 _ARRAY_TYPES = ("float64", "int64", "int32", "bool", "int8")
-_STALE_AFTER_S = 60.0
+
+_VALUE = {
+    "type": ["boolean", "number", "string", "array"],
+    "description": "a value or a list of values",
+    "items": {"type": ["number", "string"], "description": "a value"},
+}
+_VALUES = {"type": "object", "description": "NAME: VALUE", "additionalProperties": _VALUE}
+_ARRAY = {
+    "type": "object",
+    "description": "an array with its type and shape",
+    "required": ["array", "type", "shape"],
+    "additionalProperties": False,
+    "properties": {
+        "array": {"type": "string", "description": "the bytes of an array in base64"},
+        "type": {"enum": _ARRAY_TYPES, "description": "a type of numbers"},
+        "shape": {
+            "type": "array",
+            "description": "up to three lengths",
+            "maxItems": 3,
+            "items": {"type": "integer", "minimum": 0, "maximum": 10**8, "description": "a length"},
+        },
+    },
+}
+_DOCUMENT = Schema(
+    {
+        "type": "object",
+        "description": "format, checksum and content of a state",
+        "required": ["format", "sha256", "content"],
+        "properties": {name: {"type": "string", "description": "text"} for name in ("format", "sha256", "content")},
+    }
+)
+_CONTENT = Schema(
+    {
+        "type": "object",
+        "description": "the state of an estimator",
+        "required": ["estimator"],
+        "properties": {
+            "estimator": {
+                "type": "object",
+                "description": "the state of an estimator",
+                "required": ["version"],
+                "properties": {
+                    "version": {"type": "integer", "description": "a version"},
+                    "structure": _VALUES,
+                    "chosen": _VALUES,
+                    "arrays": {"type": "object", "description": "arrays by name", "additionalProperties": _ARRAY},
+                },
+            }
+        },
+    }
+)
+"""What a state of the present version must have, and whether it is sound, is said in `core.online.state_check`."""
+
+
+class Standing(Enum):
+    """What stands under the name of a state file."""
+
+    NOTHING = "nothing, or a file without content"
+    STATE = "a state file, sound or not"
+
+
+def standing(path: str | os.PathLike[str]) -> Standing:
+    """Return what stands there; raises InputError where that is nothing that this program may replace."""
+    try:
+        with open_regular(path) as handle:
+            head = handle.read(len(_HEAD))
+    except InputError as error:
+        if isinstance(error.__cause__, FileNotFoundError):
+            return Standing.NOTHING
+        raise InputError(f"{error}; move it away, or set state.file to another path") from error
+    if head and head != _HEAD:
+        raise InputError(f"{shown(path)} is no state file; move it away, or set state.file to another path")
+    return Standing.STATE if head else Standing.NOTHING
 
 
 def dumps(state: Mapping[str, Any]) -> bytes:
-    """Return the state file's content."""
-    content = json.dumps(_packed(state), separators=(",", ":"))
-    return json.dumps({"format": FORMAT, "sha256": _checksum(content), "content": content}).encode()
+    """Return the content of the state file for the state of an estimator; raises InputError where it is too large."""
+    content = json.dumps({"estimator": _packed(state)}, separators=(",", ":"))
+    data = json.dumps({"format": FORMAT, "sha256": _checksum(content), "content": content}).encode()
+    if len(data) > LIMITS.size:
+        raise InputError(
+            f"the state has {len(data) / 2**20:.0f} MiB, more than the {LIMITS.size / 2**20:g} MiB that are read back: "
+            "set a larger basis.velocity_unit or basis.finest_level, or model.law to nlms"
+        )
+    return data
 
 
 def loads(data: bytes, source: str) -> dict[str, Any]:
-    """Return the state in a state file's content; raises InputError with the reason where it is damaged."""
+    """Return the state of an estimator in a state file's content; raises InputError with the reason."""
+    if not data.startswith(_HEAD):
+        raise InputError(f"{source} is no state file; move it away, or set state.file to another path")
     try:
-        document = json.loads(data)
-        kind, checksum, content = (document[key] for key in ("format", "sha256", "content"))
-    except (ValueError, TypeError, KeyError):
-        raise InputError(f"{source} is no state file or is cut short; delete it to start cold") from None
-    if kind != FORMAT:
-        raise InputError(f"{source} has format {kind!r}, this program reads {FORMAT!r}")
-    if not isinstance(content, str) or _checksum(content) != checksum:
+        document = parse_json(data, source, LIMITS)
+    except InputError as error:
+        raise InputError(f"{error}: it is damaged or cut short; delete it to start cold") from None
+    _DOCUMENT.check(document, source)
+    if document["format"] != FORMAT:
+        kind = shown(document["format"], LONGEST_NAME)
+        raise InputError(f"{source} has format {kind}, this program reads {FORMAT}; delete it to start cold")
+    content = document.pop("content")
+    if _checksum(content) != document["sha256"]:
         raise InputError(f"{source} is damaged: its checksum does not fit its content; delete it to start cold")
+    inner = parse_json(content.encode(), source, LIMITS)
+    del content
+    _CONTENT.check(inner, source)
+    state: dict[str, Any] = inner["estimator"]
     try:
-        state = _unpacked(json.loads(content))
-    except (ValueError, TypeError, KeyError, binascii.Error) as error:
-        raise InputError(f"{source} is damaged: {error}") from None
-    if not isinstance(state, dict):
-        raise InputError(f"{source} is damaged: it holds no state")
+        if "arrays" in state:
+            state["arrays"] = {name: _array(item) for name, item in state["arrays"].items()}
+    except ValueError as error:  # base64, or bytes that do not fit the shape
+        raise InputError(f"{source} is damaged: {shown(error, LONGEST_NAME)}; delete it to start cold") from None
     return state
-
-
-def write_state(path: str | os.PathLike[str], data: bytes) -> None:
-    """Write a state file atomically; raises InputError where that is impossible."""
-    try:
-        with replacing_file(path) as part:
-            part.write_bytes(data)
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror}") from error
 
 
 def read_state(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Read a state file; raises InputError with the reason where it cannot be used."""
+    standing(path)
+    return loads(read_regular(path, LIMITS.size), shown(path))
+
+
+def write_state(staging: Staging, data: bytes) -> None:
+    """Put a state file under its name, on disk, in place of nothing else than a state file.
+
+    Parameters
+    ----------
+    staging : of the state file, taken. data : of `dumps`.
+
+    Raises InputError where that is impossible; the former file then is what it was.
+    """
+    standing(staging.target)
     try:
-        data = Path(path).read_bytes()
+        with staging.file() as part:
+            part.write_bytes(data)
     except OSError as error:
-        raise InputError(f"cannot read state file {path}: {error.strerror}") from error
-    return loads(data, str(path))
+        raise InputError(f"cannot write {shown(staging.target)}: {error.strerror}") from error
 
 
 def set_aside(path: str | os.PathLike[str]) -> Path:
-    """Rename a refused state file, so that the next save does not destroy the evidence; return its new name."""
-    aside = Path(f"{path}.refused")
-    with contextlib.suppress(OSError):
-        Path(path).replace(aside)
+    """Rename a state file that was refused, so that the next save does not destroy the evidence; return its new name.
+
+    Names that are taken stay as they are. The caller holds the lock of the state file. Raises InputError.
+    """
+    standing(path)
+    names = (Path(f"{os.fspath(path)}.refused{number or ''}") for number in range(_MOST_ASIDE))
+    aside = next((name for name in names if not os.path.lexists(name)), None)
+    if aside is None:
+        raise InputError(
+            f"{shown(path)} cannot be set aside: {_MOST_ASIDE} refused files are kept beside it; remove some"
+        )
+    try:
+        Path(path).rename(aside)
+    except OSError as error:
+        raise InputError(f"{shown(path)} cannot be set aside: {error.strerror}") from error
     return aside
-
-
-def sweep(path: str | os.PathLike[str]) -> None:
-    """Remove what killed writers of this state file left beside it."""
-    target = Path(path)
-    for leftover in target.parent.glob(f".{target.name}.*"):
-        with contextlib.suppress(OSError):
-            if leftover.is_dir() and time.time() - leftover.stat().st_mtime > _STALE_AFTER_S:
-                shutil.rmtree(leftover, ignore_errors=True)
 
 
 def _checksum(content: str) -> str:
@@ -102,14 +204,6 @@ def _packed(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _unpacked(value: Any) -> Any:
-    if isinstance(value, dict):
-        if "array" not in value:
-            return {key: _unpacked(item) for key, item in value.items()}
-        if value["type"] not in _ARRAY_TYPES:
-            raise ValueError(f"array of type {value['type']}")
-        data = base64.b64decode(value["array"], validate=True)
-        return np.frombuffer(data, np.dtype(value["type"])).reshape(value["shape"]).copy()
-    if isinstance(value, list):
-        return [_unpacked(item) for item in value]
-    return value
+def _array(packed: Mapping[str, Any]) -> np.ndarray[Any, Any]:
+    data = base64.b64decode(packed["array"], validate=True)
+    return np.frombuffer(data, np.dtype(packed["type"])).reshape(packed["shape"]).copy()

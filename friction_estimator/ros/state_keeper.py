@@ -8,13 +8,23 @@ from typing import Any
 from friction_estimator.core.errors import ConfigError, FrictionEstimatorError, InputError
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.settings.groups import StateConfig
-from friction_estimator.ros.state import dumps, read_state, set_aside, sweep, write_state
+from friction_estimator.output.paths import resolved
+from friction_estimator.output.staging import InUseError, Staging
+from friction_estimator.ros.state import Standing, dumps, read_state, set_aside, standing, write_state
+
+LONGEST_WRITE_S = 10.0
+"""Time that a save is waited for: a disk that does not answer must not keep the node from ending."""
+
+FAILURE = "state file failure"
+"""Key of `StateKeeper.report` where something is wrong; diagnostics then warn."""
 
 
 class StateKeeper:
     """Owns the state file of one node.
 
-    Periodic saves are written by a thread, since a disk may take longer than a queue can wait.
+    It holds the file's lock as long as the node has the file: a second node of the same file goes on without saving,
+    says who holds it, and takes over when it is free. Periodic saves are written by a thread, since a disk may take
+    longer than a queue can wait.
 
     Parameters
     ----------
@@ -24,6 +34,7 @@ class StateKeeper:
     def __init__(self, logger: Any) -> None:
         self._logger = logger
         self._config = StateConfig()
+        self._staging: Staging | None = None
         self._due = 0.0
         self._writer: threading.Thread | None = None
         self._saved_samples = -1
@@ -34,29 +45,37 @@ class StateKeeper:
         """Use this file and period from now on."""
         if config.file != self._config.file:
             self.changed()
+            self._give_up()
+            self._config = config
+            self._failure = ""
+            if config.file:
+                self._guarded(self._take, "not saving")
         self._config = config
         self._due = time.monotonic() + config.period
 
     def start(self) -> bool:
-        """Tidy up beside the state file; return True where there is one to load."""
+        """Return whether there is a state file to load; say why not."""
         if not self._config.file:
             return False
-        sweep(self._config.file)
         try:
-            read_state(self._config.file)
+            found = standing(self._config.file)
         except InputError as error:
-            if isinstance(error.__cause__, FileNotFoundError):
-                self._logger.info(f"no state file {self._config.file} yet: starting cold")
-                return False
-            self.refuse(error)
+            self._failed(f"starting cold and not saving: {error}")
             return False
-        return True
+        if found is Standing.NOTHING:
+            self._logger.info(f"no state file {self._config.file} yet: starting cold")
+        return found is Standing.STATE
 
     def refuse(self, error: FrictionEstimatorError) -> None:
-        """Report a state file that cannot be used and keep it aside."""
-        aside = set_aside(self._config.file)
-        self._failure = str(error)
-        self._logger.error(f"starting cold: {error} (kept as {aside})")
+        """Report a state file that cannot be used and keep it aside, where it is this node's to keep."""
+        if self._staging is None:
+            self._failed(f"starting cold: {error} ({self._failure})")
+            return
+        try:
+            told = f"kept as {set_aside(self._staging.target)}"
+        except InputError as reason:
+            told = str(reason)
+        self._failed(f"starting cold: {error} ({told})")
 
     def changed(self) -> None:
         """Note that the state differs from the saved one although no sample came."""
@@ -65,7 +84,12 @@ class StateKeeper:
     def load(self, restored: Callable[[dict[str, Any]], Estimator]) -> str:
         """Hand the state in the file to `restored`, which returns its estimator; raises why that is impossible."""
         path = self._path()
-        estimator = restored(_part(read_state(path), path))
+        state = read_state(path)
+        try:
+            estimator = restored(state)
+        except ConfigError as error:
+            error.where = error.where or path
+            raise
         self._saved_samples = estimator.health.samples
         return f"restored {path}: {estimator.health.samples} samples learned from"
 
@@ -73,7 +97,11 @@ class StateKeeper:
         """Write the state now; raises the reason where that is impossible."""
         path = self._path()
         self._join()
-        self._write(dumps(self._state(estimator)), path)
+        try:
+            self._write(self._content(estimator))
+        except InputError as error:
+            self._failed(f"not saved: {error}")
+            raise
         return f"saved {path}"
 
     def tick(self, estimator: Estimator) -> None:
@@ -84,15 +112,13 @@ class StateKeeper:
         self._due = time.monotonic() + config.period
         if self._busy() or estimator.health.samples == self._saved_samples:
             return
-        data = dumps(self._state(estimator))
-        self._writer = threading.Thread(target=self._write_quietly, args=(data, config.file), daemon=True)
-        self._writer.start()
+        self._guarded(lambda: self._start_writing(estimator), "not saved")
 
-    def close(self, estimator: Estimator) -> None:
-        """Save at exit if anything changed."""
-        self._join()
-        if self._config.file and estimator.health.samples != self._saved_samples:
-            self._write_quietly(dumps(self._state(estimator)), self._config.file)
+    def close(self, estimator: Estimator | None) -> None:
+        """Save at exit if anything changed, and give the file up."""
+        if self._config.file and estimator is not None:
+            self._guarded(lambda: self._last_save(estimator), "not saved")
+        self._give_up()
 
     def report(self) -> dict[str, Any]:
         """Return what diagnostics say about the state file."""
@@ -102,41 +128,79 @@ class StateKeeper:
         if self._saved_at:
             values["state saved (s ago)"] = f"{time.monotonic() - self._saved_at:.0f}"
         if self._failure:
-            values["state file failure"] = self._failure
+            values[FAILURE] = self._failure
         return values
 
-    def _state(self, estimator: Estimator) -> dict[str, Any]:
+    # --- the lock --------------------------------------------------------------------------------------------------
+
+    def _take(self) -> None:
+        """Hold the lock of the state file; raises InputError where it cannot be had."""
+        standing(self._config.file)
+        staging = Staging(resolved(self._config.file))
+        try:
+            staging.take()
+        except InUseError as error:
+            raise InUseError(f"{error}; saving begins when it is free") from error
+        self._staging = staging
+
+    def _give_up(self) -> None:
+        if self._staging is not None and not self._busy():  # what still writes keeps it until the process ends
+            self._staging.release()
+        self._staging = None
+
+    # --- writing ---------------------------------------------------------------------------------------------------
+
+    def _content(self, estimator: Estimator) -> bytes:
+        """Return what to write, once the lock is held; raises InputError where this state cannot be saved."""
+        if self._staging is None:
+            self._take()
+        estimator.check_state()
+        data = dumps(estimator.state())
         self._saved_samples = estimator.health.samples
-        return {"estimator": estimator.state()}
+        return data
+
+    def _start_writing(self, estimator: Estimator) -> None:
+        data = self._content(estimator)
+        self._writer = threading.Thread(
+            target=self._guarded, args=(lambda: self._write(data), "not saved"), name="state file", daemon=True
+        )
+        self._writer.start()
+
+    def _last_save(self, estimator: Estimator) -> None:
+        self._join()
+        if estimator.health.samples != self._saved_samples:
+            self._write(self._content(estimator))
+
+    def _write(self, data: bytes) -> None:
+        assert self._staging is not None
+        write_state(self._staging, data)
+        self._saved_at = time.monotonic()
+        self._failure = ""
+
+    def _guarded(self, act: Callable[[], None], what: str) -> None:
+        """Do it; a failure is reported, and what was to be saved is due again."""
+        try:
+            act()
+        except (FrictionEstimatorError, OSError) as error:
+            self._saved_samples = -1
+            self._failed(f"{what}: {error}")
+
+    def _failed(self, words: str) -> None:
+        if words != self._failure:
+            self._logger.error(words)
+        self._failure = words
 
     def _path(self) -> str:
         if not self._config.file:
             raise ConfigError("state.file is empty: set it to the path of the state file")
         return self._config.file
 
-    def _write(self, data: bytes, path: str) -> None:
-        write_state(path, data)
-        self._saved_at = time.monotonic()
-        self._failure = ""
-
-    def _write_quietly(self, data: bytes, path: str) -> None:
-        try:
-            self._write(data, path)
-        except FrictionEstimatorError as error:
-            self._failure = str(error)
-            self._saved_samples = -1
-            self._logger.error(str(error), throttle_duration_sec=60.0)
-
     def _busy(self) -> bool:
         return self._writer is not None and self._writer.is_alive()
 
     def _join(self) -> None:
+        """Wait for the save that is under way; raises InputError where it takes too long."""
         if self._writer is not None:
-            self._writer.join()
-
-
-def _part(state: dict[str, Any], path: str) -> dict[str, Any]:
-    part = state.get("estimator")
-    if not isinstance(part, dict):
-        raise InputError(f"{path} is damaged: it holds no estimator")
-    return part
+            self._writer.join(LONGEST_WRITE_S)
+            if self._writer.is_alive():
+                raise InputError(f"{self._config.file} has been written to for {LONGEST_WRITE_S:g} s without an end")

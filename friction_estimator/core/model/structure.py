@@ -151,8 +151,6 @@ class Model:
                     "it was learned with another basis, order or set of terms; leave it empty to start cold"
                 )
             wanted[:] = given
-            if not np.all(np.abs(wanted) < LARGEST_PARAMETER):
-                raise ConfigError(f"learned.{name} is larger than {LARGEST_PARAMETER:g}: no estimator learned that")
         return start.theta
 
     def checked(self, parameters: Parameters) -> Floats:

@@ -7,16 +7,17 @@ from typing import Any
 import numpy as np
 
 from friction_estimator.core.errors import ConfigError
-from friction_estimator.core.fit.band import COUNT, Curve, median_conditions, static_curve
+from friction_estimator.core.fit.band import Curve, median_conditions, static_curve
 from friction_estimator.core.model.prior import Prior
 from friction_estimator.core.model.structure import CHUNK, Extension, Model, Parameters
-from friction_estimator.core.online import kernels, workspace
+from friction_estimator.core.online import kernels, state_check, workspace
 from friction_estimator.core.online.adaptation import LAWS
 from friction_estimator.core.online.growth import carried_over, cold_start, grown_model
 from friction_estimator.core.online.workspace import Workspace
 from friction_estimator.core.sample import Bools, Floats, Samples
 from friction_estimator.core.settings.config import PARAMETERS, Config
 from friction_estimator.core.settings.units import ALONE_ABOVE
+from friction_estimator.core.text import LONGEST_NAME, shown
 
 STATE_VERSION = 3
 
@@ -267,35 +268,29 @@ class Estimator:
             "arrays": {f.name: getattr(work, f.name) for f in fields(work) if f.name not in workspace.CONSTANTS},
         }
 
+    def check_state(self) -> None:
+        """Raise ConfigError where the state has come to hold what `restore` would refuse."""
+        state_check.check(self.work)
+
     def _structure(self) -> tuple[str, ...]:
         return STRUCTURE + (THEORY_STRUCTURE if self.config.model.type == "parallel" else ())
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Take over a state, with the range and units that it was learned in; unchanged if it does not fit.
 
-        Raises ConfigError naming the setting or array that differs.
+        Raises ConfigError naming the setting or array that differs, or the array that is not sound (`state_check`).
         """
         config = stated_config(self.config, state)
         for name in self._structure():
             theirs, ours = state["structure"].get(name), PARAMETERS[name].of(self.config)
             if _plain(theirs) != _plain(ours):
-                raise ConfigError(f"state was learned with {name} = {theirs}, this estimator has {ours}")
-        other = Estimator(config, self.model.extension)
-        work = other.work
-        for item in fields(Workspace):
-            if item.name in workspace.CONSTANTS:
-                continue
-            ours = getattr(work, item.name)
-            theirs = np.asarray(state["arrays"].get(item.name))
-            if theirs.shape != ours.shape or theirs.dtype != ours.dtype:
-                raise ConfigError(
-                    f"state array {item.name} is {theirs.dtype}{theirs.shape}, expected {ours.dtype}{ours.shape}"
-                )
-            if not np.all(np.isfinite(theirs)):
-                raise ConfigError(f"state array {item.name} holds values that are not finite")
-            setattr(work, item.name, theirs.copy())
-        _check_counts(work)
-        self.config, self.model, self._prior, self.work = other.config, other.model, other._prior, work
+                told = shown(theirs, LONGEST_NAME)
+                raise ConfigError(f"state was learned with {name} = {told}, this estimator has {ours}")
+        extension = self.model.extension
+        arrays = state_check.arrays_of(state, Model(config, extension), self.law.keeps_covariance)
+        other = Estimator(config, extension)
+        state_check.take_over(other.work, arrays)
+        self.config, self.model, self._prior, self.work = other.config, other.model, other._prior, other.work
 
 
 def stated_config(config: Config, state: Mapping[str, Any]) -> Config:
@@ -305,21 +300,14 @@ def stated_config(config: Config, state: Mapping[str, Any]) -> Config:
     """
     if state.get("version") != STATE_VERSION:
         raise ConfigError(
-            f"state has version {state.get('version')}, this program reads {STATE_VERSION}: delete it to start cold"
+            f"state has version {shown(state.get('version'), LONGEST_NAME)}, this program reads {STATE_VERSION}: "
+            "delete it to start cold"
         )
     chosen, structure = state.get("chosen"), state.get("structure")
     if not isinstance(chosen, Mapping) or not isinstance(structure, Mapping) or set(chosen) != set(CHOSEN):
         raise ConfigError("state does not say which range and units it was learned in: delete it to start cold")
     learned = replace(config.learned, fir_taps=(), theory_taps=(), wavelet_weights=(), extension_weights=())
     return replace(config, learned=learned).updated(chosen)
-
-
-def _check_counts(work: Workspace) -> None:
-    """Raise ConfigError where a state's counters are impossible."""
-    status = work.status
-    counts = np.delete(status, [workspace.HEAD, workspace.BEYOND])
-    if np.any(counts < 0) or status[workspace.HEAD] < -1 or np.any(work.errors[:, COUNT] < 0.0):
-        raise ConfigError("state array status holds impossible counts")
 
 
 def _plain(value: Any) -> Any:
