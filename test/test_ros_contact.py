@@ -167,7 +167,7 @@ def test_a_state_of_a_former_version_is_refused_and_kept_aside(graph):
     assert process.stop() == 0
 
     content = read_state(state)
-    content["estimator"]["version"] = 2
+    content["version"] = 2
     former = dumps(content)
     state.write_bytes(former)
     process = graph.start_node({"state.file": str(state)}, units=False)
