@@ -197,3 +197,21 @@ def test_one_event_at_a_time_and_in_blocks_give_the_same_samples(events, block):
     messages = sum(1 for e in events if e[0] != PRESSURE)
     joined = sum(single.sequencer.counts.values())
     assert 2 * joined + sum(single.pairer.dropped.values()) == messages
+
+
+@pytest.mark.parametrize("size", [1, 3, 5, 8, 50])
+@pytest.mark.parametrize("pushed", [2, 5, 9])
+def test_other_settings_keep_what_waits(size, pushed):
+    """Where there is less room the oldest go, and are counted; the others find their partners."""
+    from dataclasses import replace
+
+    pairer = Pairer(SyncConfig(queue=5))
+    stamps = np.arange(1, pushed + 1)
+    pairer.push(VELOCITY, stamps, stamps * 0.1)
+    pairer.retune(replace(SyncConfig(), queue=size))
+    kept = min(pushed, size, 5)
+    assert pairer.waiting == (kept, 0)
+    assert pairer.dropped.get("unmatched", 0) == pushed - kept
+    pairs = pairer.push(FRICTION, stamps, stamps * 1.0)
+    np.testing.assert_array_equal(pairs.stamp_ns, stamps[pushed - kept :])
+    np.testing.assert_array_equal(pairs.velocity_m_s, stamps[pushed - kept :] * 0.1)

@@ -35,7 +35,10 @@ ARRAYS = tuple(name for name in LEARNED if name not in CHOSEN)
 """What is learned in range and units, which are the rest of the learned values."""
 
 WORK_OFF_S = 0.002
-"""Time between two pieces of what waited for the first contact."""
+"""Time between two pieces of what waits: for the first contact, or since the samples come too fast."""
+
+BREATH_S = 0.05
+"""Time between two proofs that timers are served; see `SampleStream.breathe`."""
 
 FEW_POINTS = 41
 """Velocities at which the learned part of the range is looked for where nobody asks for the whole curve."""
@@ -60,48 +63,58 @@ class EstimatorNode(ConfiguredNode):
         self._enabled = True
         self._configured = self.config.learned
         self._outputs = Outputs(self, self.config.input.axis)
+        for fault in self._outputs.faults:
+            self.get_logger().error(fault)
+            self.health.notes["outputs"] = "; ".join(self._outputs.faults)
         self._keeper = StateKeeper(self.get_logger())
         for reason in self.refused:
-            self.get_logger().error(f"parameter refused: {reason}")
+            self.get_logger().error(shown(f"parameter refused: {reason}"))
         if self.refused:
             self.health.notes["refused parameters"] = "; ".join(self.refused)
         for line in self.retired:
-            self.get_logger().warning(line)
+            self.get_logger().warning(shown(line))
         warm_up()
         # Housekeeping must go on when the simulation's clock stands still.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._working_off = self.create_timer(WORK_OFF_S, self._work_off, clock=steady, autostart=False)
-        self._stream = SampleStream(self.config, self._met, self._publish)
+        self._stream = SampleStream(self.config, self._met, self._publish, self.health.load)
+        self._stream.on_backlog = self._working_off.reset
+        self.create_timer(BREATH_S, self._stream.breathe, clock=steady)
         self._keeper.configure(self.config.state)
-        self._begin()
+        self._start()
         self._inputs = self._open_inputs()
         self._service(Trigger, "~/reset", self._reset)
         self._service(Trigger, "~/save", self._save)
         self._service(Trigger, "~/load", self._load)
         self._service(SetBool, "~/enable", self._enable)
         self._service(SetBool, "~/adapt", self._adapt)
-        self.get_logger().info(f"listening: {', '.join(s.topic for s in self._inputs.sources.values() if s.required)}")
+        topics = ", ".join(source.topic for source in self._inputs.sources.values() if source.required)
+        self.get_logger().info(shown(f"listening: {topics}"))
         self.create_timer(1.0, self._tick, clock=steady)
 
     # --- estimator ---------------------------------------------------------------------------------------------
 
-    def _begin(self, *, from_file: bool = True) -> None:
+    def _start(self) -> None:
         """Begin as the parameters and the state file say: warm, cold, or with the first contact.
 
         Where the configuration allows no estimator, say why and live on without.
         """
-        for note in ("configuration", "started cold"):
-            self.health.notes.pop(note, None)
-        estimator = self._trial()
-        if estimator is None:
+        try:
+            estimator = self._trial(self.config)
+        except FrictionEstimatorError as error:
+            self._unusable(sentence(error))
             self._stream.begin(None)
             return
-        self._stream.begin(self.config, estimator if self.config.is_met else None)
-        if from_file and self._keeper.start():
+        self._begin(estimator)
+        if self._keeper.start():
             try:
-                self.get_logger().info(self._keeper.load(self._restored))
+                self.get_logger().info(shown(self._keeper.load(self._restored)))
             except FrictionEstimatorError as error:
                 self._keeper.refuse(error)
+
+    def _begin(self, estimator: Estimator) -> None:
+        """Begin with an estimator of the present configuration, or with the first contact that it asks for."""
+        self._stream.begin(self.config, estimator if self.config.is_met else None)
         if self._stream.meeting:
             unset = " and ".join(name for name in ("basis.velocity_range", "force_unit") if not self._known(name))
             self.get_logger().info(
@@ -111,36 +124,36 @@ class EstimatorNode(ConfiguredNode):
     def _known(self, name: str) -> object:
         return self.config.reach if name == "basis.velocity_range" else self.config.unit_N
 
-    def _trial(self) -> Estimator | None:
-        """Return an estimator of the parameters, with units of no meaning where they are open; None where none can be.
+    def _trial(self, config: Config) -> Estimator:
+        """Return an estimator of the parameters, with units of no meaning where they are open.
 
-        Learned values that fit no estimator are forgotten.
+        The configuration is in force then, but for learned values that fit no estimator: they are forgotten. Raises
+        FrictionEstimatorError where there can be none; nothing has changed then.
         """
+        cold = without_learned(config)
+        given = [name for name in ARRAYS if PARAMETERS[name].of(config)]
         reason = ""
-        given = [name for name in ARRAYS if PARAMETERS[name].of(self.config)]
-        if given and not self.config.is_met:
-            reason = f"{given[0]} is given without the range and units that it was learned in ({', '.join(CHOSEN)})"
         try:
-            if not reason:
-                return build(supposed(self.config))
+            if given and not config.is_met:
+                raise ConfigError(
+                    f"{given[0]} is given without the range and units that it was learned in ({', '.join(CHOSEN)})"
+                )
+            estimator = build(supposed(config))
         except FrictionEstimatorError as error:
-            reason = str(error)
-        if given:
-            cold = without_learned(self.config)
-            try:
-                estimator = build(supposed(cold))
-            except FrictionEstimatorError as error:
-                reason = str(error)
-            else:
-                self.get_logger().error(f"starting cold: {reason}")
-                self.health.notes["started cold"] = reason
-                self.config = cold
-                return estimator
-        self._unusable(reason)
-        return None
+            if not given:
+                raise
+            reason = sentence(error)
+            config, estimator = cold, build(supposed(cold))
+        for note in ("configuration", "started cold", "reset"):
+            self.health.notes.pop(note, None)
+        if reason:
+            self.get_logger().error(shown(f"starting cold: {reason}"))
+            self.health.notes["started cold"] = reason
+        self.config = config
+        return estimator
 
     def _unusable(self, reason: str) -> None:
-        self.get_logger().error(f"not estimating: {reason}; correct it and call ~/reset")
+        self.get_logger().error(shown(f"not estimating: {reason}; correct it and call ~/reset"))
         self.health.notes["configuration"] = f"not estimating: {reason}"
 
     def _met(self, config: Config) -> Estimator:
@@ -193,12 +206,13 @@ class EstimatorNode(ConfiguredNode):
 
     def _tick(self) -> None:
         try:
-            estimator = self._stream.estimator
-            if estimator is not None:
-                self._keeper.tick(estimator)
-            curve = self._curve(estimator) if estimator is not None else None
-            extra = self._keeper.report()
-            self.health.tick(self.config, self._inputs.sources, self._stream, self._enabled, curve, extra)
+            with self.health.load.other_work():
+                estimator = self._stream.estimator
+                if estimator is not None:
+                    self._keeper.tick(estimator)
+                curve = self._curve(estimator) if estimator is not None else None
+                extra = self._keeper.report()
+                self.health.tick(self.config, self._inputs.sources, self._stream, self._enabled, curve, extra)
         except Exception as error:
             self.health.exception("diagnostics", error)
 
@@ -219,7 +233,8 @@ class EstimatorNode(ConfiguredNode):
 
         def respond(request: Any, response: Any) -> Any:
             try:
-                response.success, response.message = True, shown(answer(request))
+                with self.health.load.other_work():
+                    response.success, response.message = True, shown(answer(request))
             except Exception as error:
                 if not isinstance(error, FrictionEstimatorError):
                     self.health.exception(name, error)
@@ -229,20 +244,28 @@ class EstimatorNode(ConfiguredNode):
         self.create_service(kind, name, respond)
 
     def _reset(self, _: Any) -> str:
-        """Forget what was learned and put all parameters into force."""
+        """Forget what was learned and put all parameters into force; where they allow no estimator, go on as before."""
         # Extension terms refer to the model that they were found beside, so that one is gone back to.
-        self.config = (
+        config = (
             replace(self.config, learned=self._configured)
             if self.config.extension.terms
             else without_learned(self.config)
         )
-        self._begin(from_file=False)
+        try:
+            estimator = self._trial(config)
+        except FrictionEstimatorError as error:
+            reason = sentence(error)
+            if not self._stream.running:
+                self._unusable(reason)
+                raise
+            self.get_logger().error(shown(f"~/reset refused: {reason}; what was running goes on"))
+            self.health.notes["reset"] = f"refused, what was running goes on: {reason}"
+            raise
+        self._begin(estimator)
         self._stream.restart()
         self._stream.learn = self.config.model.adapt
         self._snapshot = (0.0, None)
         self._keeper.changed()
-        if "configuration" in self.health.notes:
-            raise ConfigError(self.health.notes["configuration"])
         return f"started cold with the present parameters{'; first contact' if self._stream.meeting else ''}"
 
     def _save(self, _: Any) -> str:
@@ -284,7 +307,7 @@ class EstimatorNode(ConfiguredNode):
 
     def localised(self, name: str, value: Value) -> Value:
         """Return paths relative to the parameter file that holds them as absolute ones."""
-        if name in ("theory.table", "state.file") and isinstance(value, str):
+        if PARAMETERS[name].path and isinstance(value, str):
             return beside_its_file(name, value, self._files)
         return value
 
@@ -332,7 +355,14 @@ class EstimatorNode(ConfiguredNode):
         self._stream.learn = self.config.model.adapt
         groups = {name.partition(".")[0] for name in changed}
         if groups & {"input", "sync"}:
-            self._rewire()
+            self._stream.retune(self.config)
+        if "input" in groups:
+            self._outputs.set_axis(self.config.input.axis)
+            if self._enabled:
+                self._inputs.reconfigure(self.config.input)
+            self.health.inputs_changed()
+        if "publish" in groups:
+            self._outputs.parameters_at_once()
         if "state" in groups:
             self._keeper.configure(self.config.state)
 
@@ -351,15 +381,6 @@ class EstimatorNode(ConfiguredNode):
                 values[leaf] = type(ours)(ours.shape, ours.dtype)
                 values[leaf][:] = given
         return replace(present, **values)
-
-    def _rewire(self) -> None:
-        """Put changed input and pairing settings into force; what was learned and counted stays."""
-        self._stream.reconfigure(self.config)
-        self._outputs.set_axis(self.config.input.axis)
-        if self._enabled:
-            self._inputs.close()
-            self._inputs = self._open_inputs()
-        self.health.inputs_changed()
 
     def close(self) -> None:
         """Save the state; the last act before the node is destroyed."""
@@ -406,4 +427,5 @@ def warm_up() -> None:
             stream.event(VELOCITY, stamp_ns, 0.01)
             stream.event(FRICTION, stamp_ns, 1.0)
         if stream.estimator is not None:
+            stream.estimator.step(3, 0.01, 1.0)  # the way of samples that have waited
             stream.estimator.curve()

@@ -14,15 +14,30 @@ from friction_estimator.core.sample import NS_PER_S
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import MOTION_S, REVERSALS
 from friction_estimator.core.text import LONGEST_NAME, shown
+from friction_estimator.ros.load import Account, Load
 from friction_estimator.ros.silence import Finding, Findings, explain, stamp_offset_s
 from friction_estimator.ros.sources import Source
 from friction_estimator.ros.stream import SampleStream
+
+FAILURE = "state file failure"
+"""Key under which a `StateKeeper` reports that a save or a load went wrong."""
+
+FASTER = "use a smaller basis (basis.*, fir.order), a cheaper model.law, or fewer samples a second"
 
 GRACE_S = 2.0
 """Discovery takes a moment: nothing is called silent before."""
 
 STILL_NEEDED = f"still needed: {REVERSALS} reversals or {MOTION_S:g} s of motion"
 """What ends the first contact."""
+
+LATE_S = 0.25
+"""A look that comes later than this after its second means that the node stood still: messages may have been lost."""
+
+STOOD_STILL_LOOKS = 2
+"""Looks for which that is believed: the messages after it may be looked at in the next one."""
+
+FULL_SHARE = 0.8
+"""Share of the time beyond which the node is nearly too slow: any other load would make samples late or lost."""
 
 LEARNED_SHARE = 0.5
 """Share of the prior variance that the data must have removed where the curve counts as learned."""
@@ -38,6 +53,8 @@ class Health:
 
     def __init__(self, node: Node) -> None:
         self._node = node
+        self.load = Load()
+        self._stood_still = 0
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._findings = Findings(node)
         self._last = time.monotonic()
@@ -78,7 +95,11 @@ class Health:
         now = time.monotonic()
         span = max(now - self._last, 1e-3)
         self._last = now
+        self._stood_still = STOOD_STILL_LOOKS if span > 1.0 + LATE_S else max(0, self._stood_still - 1)
         stream.flush()
+        account = self.load.look()
+        for source in sources.values():
+            source.count_missing(pauses=not self._stood_still)
         counts = stream.counts
         used, gaps, jumps = (counts.pop(key, 0) for key in ("used", "gaps", "jumps"))
         for source in sources.values():
@@ -111,7 +132,8 @@ class Health:
             inputs[f"finding {index + 1}"] = finding.text
         new_rejects = {reason: count for reason, count in rejects.items() if count}
         if findings:
-            level, words = DiagnosticStatus.WARN, findings[0].text
+            first = next((finding for finding in findings if finding.grave), findings[0])
+            level, words = DiagnosticStatus.ERROR if first.grave else DiagnosticStatus.WARN, first.text
         elif not enabled:
             level, words = DiagnosticStatus.OK, "disabled by ~/enable"
         elif new_rejects:
@@ -123,18 +145,32 @@ class Health:
         message.header.stamp = self._node.get_clock().now().to_msg()
         message.status = [
             self._status("inputs", level, words, inputs),
-            self._estimator_status(stream, samples / span, curve, extra),
+            self._estimator_status(stream, samples, span, account, curve, extra),
         ]
         self._publisher.publish(message)
 
     def _estimator_status(
-        self, stream: SampleStream, rate: float, curve: Curve | None, extra: dict[str, Any]
+        self,
+        stream: SampleStream,
+        samples: int,
+        span_s: float,
+        account: Account,
+        curve: Curve | None,
+        extra: dict[str, Any],
     ) -> DiagnosticStatus:
         level, words = DiagnosticStatus.OK, "learning" if stream.learn else "predicting, not learning"
-        values: dict[str, Any] = {"samples per second": f"{rate:.1f}", "predictions": stream.predictions}
+        values: dict[str, Any] = {"samples per second": f"{samples / span_s:.1f}", "predictions": stream.predictions}
         values["samples lost"] = stream.lost
         values["samples waiting"] = stream.held_back
         values["samples dropped while waiting"] = stream.dropped
+        values["samples dropped, too slow"] = stream.overrun
+        predicted = self._grown("predicted", stream.predictions)
+        # Where samples wait, what is used is all there is, and what would be needed is more.
+        share = account.busy * (max(1.0, samples / max(predicted, 1)) if stream.working_off else 1.0)
+        values["share of the sample period used (%)"] = f"{100.0 * share:.1f}"
+        values["arrival to prediction p50 (ms)"] = f"{account.p50_ms:.3f}"
+        values["arrival to prediction p99 (ms)"] = f"{account.p99_ms:.3f}"
+        values["arrival to prediction max (ms)"] = f"{account.longest_ms:.3f}"
         values["exceptions"] = self.exceptions
         if self.last_exception:
             values["last exception"] = self.last_exception
@@ -153,11 +189,19 @@ class Health:
                 level, words = DiagnosticStatus.WARN, "the divergence guard held a step back"
             if stream.working_off:
                 level, words = DiagnosticStatus.WARN, f"catching up: {stream.held_back} samples wait for their turn"
+        if level == DiagnosticStatus.OK and share > FULL_SHARE:
+            level = DiagnosticStatus.WARN
+            words = f"nearly too slow: {100.0 * share:.0f} % of the sample period is used; {FASTER}"
         values |= extra
+        if FAILURE in extra and level == DiagnosticStatus.OK:
+            level, words = DiagnosticStatus.WARN, f"{FAILURE}: {extra[FAILURE]}"
         for key, note in self.notes.items():
             values[key] = note
             if level == DiagnosticStatus.OK:
                 level, words = DiagnosticStatus.WARN, f"{key}: {note}"
+        if overrun := self._grown("overrun", stream.overrun):
+            level = DiagnosticStatus.ERROR
+            words = f"too slow: {overrun} samples dropped since the last look, {stream.overrun} in all; {FASTER}"
         if self._grown("exceptions", self.exceptions):
             level, words = DiagnosticStatus.ERROR, self.last_exception
         if stream.meeting:
@@ -184,6 +228,8 @@ class Health:
             values[f"{name}: topic"] = source.topic
             values[f"{name}: messages"] = source.messages
             values[f"{name}: rate (Hz)"] = f"{rates[name]:.1f}"
+            values[f"{name}: messages missing"] = source.rhythm.missing
+            values[f"{name}: publishers"] = source.publishers
             if source.messages:
                 values[f"{name}: age by stamp (s)"] = f"{(now_ns - source.last_stamp_ns) / NS_PER_S:.3f}"
                 values[f"{name}: age by arrival (s)"] = f"{ages[name]:.1f}"

@@ -44,6 +44,7 @@ def _run(arguments: list[str], signals: StopSignals) -> None:
 
     import rclpy  # noqa: PLC0415
     from rclpy.exceptions import NameValidationException  # noqa: PLC0415
+    from rclpy.impl.implementation_singleton import rclpy_implementation  # noqa: PLC0415
     from rclpy.signals import SignalHandlerOptions  # noqa: PLC0415
 
     from friction_estimator.core.errors import InputError  # noqa: PLC0415
@@ -61,8 +62,8 @@ def _run(arguments: list[str], signals: StopSignals) -> None:
     try:
         try:
             node = EstimatorNode(params_files(arguments))
-        except NameValidationException as error:
-            raise InputError(str(error), remedy="correct the name in the arguments of the start") from error
+        except (NameValidationException, rclpy_implementation.RCLError) as error:
+            raise InputError(str(error), remedy="correct names and remappings of the start") from error
         # What exists now stays: no full collection shall walk through it while samples wait.
         gc.collect()
         gc.freeze()

@@ -14,6 +14,7 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from friction_estimator.core.fit.band import Curve
 from friction_estimator.core.model.structure import Parameters
 from friction_estimator.core.sample import Floats
+from friction_estimator.core.text import shown
 from friction_estimator.ros.quality import output_qos, with_overrides
 from friction_estimator.ros.wire import WrenchWriter
 
@@ -21,6 +22,17 @@ ARRAYS = ("fir_taps", "theory_taps", "wavelet_weights")
 
 CURVE_COLUMNS = "velocity_m_s,friction_N,low_N,high_N"
 """Label of the curve's columns."""
+
+
+class Unpublished:
+    """Stands for a publisher of a topic that the middleware refused."""
+
+    def publish(self, message: object) -> None:
+        """Pass over a message."""
+
+    def get_subscription_count(self) -> int:
+        """Nobody can listen."""
+        return 0
 
 
 class Outputs:
@@ -33,11 +45,19 @@ class Outputs:
     """
 
     def __init__(self, node: Node, axis: str) -> None:
-        def publisher(kind: type, topic: str, depth: int) -> Publisher:
+        self.faults: list[str] = []
+        """Why outputs are not published."""
+
+        def publisher(kind: type, topic: str, depth: int) -> Publisher | Unpublished:
             def create(qos: QoSProfile, options: Any) -> Publisher:
                 return node.create_publisher(kind, topic, qos, qos_overriding_options=options)
 
-            return with_overrides(node, topic, lambda: output_qos(depth), create)[0]
+            try:
+                return with_overrides(node, topic, lambda: output_qos(depth), create)[0]
+            except Exception as error:  # a clashing type, a name that rcl refuses
+                fault = f"{topic} cannot be published ({error}): correct the remapping and start again"
+                self.faults.append(shown(fault))
+                return Unpublished()
 
         self._predicted = publisher(WrenchStamped, "~/friction_predicted", 1000)
         self._residual = publisher(WrenchStamped, "~/residual", 1000)
@@ -69,6 +89,10 @@ class Outputs:
             return False
         self._parameters_due = now + 1.0 / rate_hz
         return True
+
+    def parameters_at_once(self) -> None:
+        """Let the next sample's parameters be published: the rate has changed."""
+        self._parameters_due = 0.0
 
     def parameters(self, values: Parameters) -> None:
         """Publish the learned values."""

@@ -61,7 +61,7 @@ def _words(item: Parameter) -> str:
         facts.append(item.unit)
     if math.isfinite(item.low) or math.isfinite(item.high):
         facts.append(f"{item.low:g} to {item.high:g}")
-    facts.append("at once" if item.live else "at ~/reset")
+    facts.append(item.acts)
     if item.learned:
         facts.append("written by the estimator")
     return f"{item.description} [{'; '.join(facts)}]"

@@ -50,7 +50,7 @@ def descriptor(item: Parameter) -> ParameterDescriptor:
         notes.append("array" if item.element is str else "array of finite numbers, the range holds for each")
     if item.learned:
         notes.append("written by the estimator; setting it replaces what was learned")
-    notes.append("acts at once" if item.live else "acts at ~/reset")
+    notes.append(f"acts {item.acts}")
     result = ParameterDescriptor(description=item.description, additional_constraints="; ".join(notes))
     limits = sys.float_info.max
     if item.element is float and max(item.low, -item.high) > -float("inf"):
@@ -166,6 +166,16 @@ class ConfiguredNode(Node):  # type: ignore[misc]
     def apply_change(self, config: Config, changed: Sequence[str]) -> None:
         """Let live changes act; the parameters already have their new values."""
 
+    def _check_fixed(self, item: Parameter) -> None:
+        """Raise ConfigError for what cannot be changed any more now that the node runs."""
+        if item.at_start:
+            raise ConfigError(f"{item.name} is read when the node starts: set it in its parameter file and start again")
+        if item.path and not self.config.files.remote:
+            raise ConfigError(
+                f"{item.name} names a file and is read-only on a running node: set it in the parameter file and start "
+                "again, or start with files.remote true"
+            )
+
     def set_parameters_atomically(self, parameter_list: Sequence[RosParameter]) -> SetParametersResult:
         """Check the whole list, set all of it or nothing; the answer names the culprit and the reason."""
         values: dict[str, Value] = {}
@@ -184,6 +194,8 @@ class ConfiguredNode(Node):  # type: ignore[misc]
             changed = [name for name, value in values.items() if value != PARAMETERS[name].of(self.config)]
             # A learned value is what the estimator holds, so setting one always is a change.
             changed += [name for name in values if PARAMETERS[name].learned and name not in changed]
+            for name in changed:
+                self._check_fixed(PARAMETERS[name])
             self.check_change(config, changed)
         except ConfigError as error:
             return SetParametersResult(successful=False, reason=sentence(error))

@@ -3,9 +3,12 @@
 from collections.abc import Callable
 from typing import Any
 
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
+
+from friction_estimator.core.text import shown
 
 
 def input_qos() -> QoSProfile:
@@ -35,15 +38,23 @@ def with_overrides(
     Returns
     -------
     What `create` returned, and the profile in force.
+
+    Raises
+    ------
+    RCLError : the middleware refuses the topic, with whatever profile.
     """
     qos = default()
     try:
         options = QoSOverridingOptions.with_default_policies()
         return create(qos, options), qos
+    except rclpy_implementation.RCLError:  # the topic itself: a clashing type
+        raise
     except Exception as error:  # rclpy raises half a dozen kinds for values that users write
         qos = default()
         node.get_logger().error(
-            f"quality of service of {topic}: {error}; "
-            f"using {qos.reliability.name.lower()}, {qos.history.name.lower()} {qos.depth}"
+            shown(
+                f"quality of service of {topic}: {error}; "
+                f"using {qos.reliability.name.lower()}, {qos.history.name.lower()} {qos.depth}"
+            )
         )
         return create(qos, None), qos

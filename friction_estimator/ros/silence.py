@@ -1,4 +1,5 @@
-"""Why nothing comes out: the faults that make a node sit silent, each found and put into words.
+"""What is wrong with the inputs: the faults that make a node sit silent, lose messages or mix two sensors up, each
+found and put into words.
 
 A finding names the topic, what was expected and what was seen. `Findings` logs each once, again every minute
 while it lasts, and once more when it is gone.
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, qos_check_compatible
+from sensor_msgs.msg import JointState
 
 from friction_estimator.core.sample import NS_PER_S
 from friction_estimator.core.settings.config import Config
@@ -31,10 +33,11 @@ TOLD_BY_TOPIC = ("wrong_joint", "empty", "malformed")
 
 @dataclass(frozen=True)
 class Finding:
-    """One fault: `key` tells it from others, `text` explains it."""
+    """One fault: `key` tells it from others, `text` explains it; `grave` where nothing can come out for it."""
 
     key: str
     text: str
+    grave: bool = False
 
 
 class Findings:
@@ -51,12 +54,15 @@ class Findings:
         present = {finding.key: finding for finding in findings}
         for key, finding in present.items():
             if now - self._logged_at.get(key, -REPEAT_S) >= REPEAT_S:
-                self._node.get_logger().warning(finding.text)
+                if finding.grave:  # rclpy allows one severity a line of source
+                    self._node.get_logger().error(shown(finding.text))
+                else:
+                    self._node.get_logger().warning(shown(finding.text))
                 self._logged_at[key] = now
         for key, finding in self._present.items():
             gone = f"gone: {key}"
             if key not in present and now - self._logged_at.get(gone, -REPEAT_S) >= REPEAT_S:
-                self._node.get_logger().info(f"no longer so: {finding.text}")
+                self._node.get_logger().info(shown(f"no longer so: {finding.text}"))
                 self._logged_at[gone] = now
         self._present = present
         self._logged_at = {key: at for key, at in self._logged_at.items() if now - at < REPEAT_S or key in present}
@@ -64,7 +70,7 @@ class Findings:
 
 def stamp_offset_s(earlier: Source, later: Source) -> float:
     """Return the median distance from stamps of `later` to the nearest stamps of `earlier`, s; NaN without both."""
-    ours, theirs = np.array(later.stamps, np.int64), np.sort(np.array(earlier.stamps, np.int64))
+    ours, theirs = np.array(later.last_stamps, np.int64), np.sort(np.array(earlier.last_stamps, np.int64))
     if not ours.size or not theirs.size:
         return float("nan")
     place = np.clip(np.searchsorted(theirs, ours), 1, max(1, theirs.size - 1))
@@ -94,10 +100,22 @@ def explain(
     required = [source for source in sources.values() if source.required]
     silent = [source for source in required if not messages[source.name]]
     heard = [source for source in required if messages[source.name]]
+    for source in sources.values():
+        if source.fault:
+            yield Finding(f"{source.name}: cannot be subscribed to", source.fault, grave=source.required)
     for source in silent:
-        yield _why_silent(node, source, heard)
+        if not source.fault:
+            yield _why_silent(node, source, heard)
     for source in sources.values():
         yield from _content(config, source, messages[source.name])
+        yield from _several_publishers(node, source)
+        if source.missing:
+            yield Finding(
+                f"{source.name}: messages missing",
+                f"{source.topic}: expected a message every {source.rhythm.period_ns / 1e6:.4g} ms by the stamps of "
+                f"those that came, {source.missing} are missing since the last look ({source.rhythm.missing} in all); "
+                "where none may be lost, use reliable publishers and a reliable subscription",
+            )
     if silent or samples:
         return
     refused = {reason: count for reason, count in rejects.items() if count and reason not in TOLD_BY_TOPIC}
@@ -167,6 +185,24 @@ def _why_silent(node: Node, source: Source, heard: list[Source]) -> Finding:
     return Finding(
         f"{source.name}: silent{others}",
         f"{source.topic}: expected messages from {who}, seen none in the last second{others}",
+    )
+
+
+def _several_publishers(node: Node, source: Source) -> Iterator[Finding]:
+    """Yield that several publishers are on one input."""
+    if source.fault or source.publishers < 2:
+        return
+    if source.kind is JointState and source.rejected_lately().get("wrong_joint"):
+        return  # the joints of a machine, published in parts: one of them has ours
+    who = sorted(
+        f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+        for info in node.get_publishers_info_by_topic(source.topic)
+    )
+    names = shown(", ".join(who), LONGEST_NAME)
+    yield Finding(
+        f"{source.name}: several publishers",
+        f"{source.topic}: expected one publisher, seen {source.publishers} ({names}): the values of both are taken for "
+        "one sensor's; stop one, or remap this input",
     )
 
 

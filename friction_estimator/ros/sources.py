@@ -10,6 +10,7 @@ from struct import Struct
 from typing import Any
 
 from geometry_msgs.msg import TwistStamped, WrenchStamped
+from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import FluidPressure, JointState, Temperature
@@ -17,8 +18,10 @@ from std_msgs.msg import Float64
 
 from friction_estimator.bag.messages import EXTRACTORS, Decoder, LayoutError, NoValueError, Want
 from friction_estimator.core.intake.pairing import FRICTION, STREAMS, VELOCITY
+from friction_estimator.core.intake.rhythm import Rhythm
 from friction_estimator.core.sample import NS_PER_S
 from friction_estimator.core.settings.groups import InputConfig
+from friction_estimator.core.text import LONGEST_NAME, shown
 from friction_estimator.ros.quality import input_qos, with_overrides
 from friction_estimator.ros.receipt import ReceiptPairing
 from friction_estimator.ros.wire import NO_FRAME, frame_in
@@ -28,6 +31,9 @@ Deliver = Callable[[int, int, float], None]
 
 REMEMBERED = 64
 """Stamps kept of each input, to measure the offset between two of them."""
+
+MOST_STAMPS = 16_384
+"""Stamps kept between two looks at them, once a second."""
 
 STRANGE_S = 10.0
 """A frame that differs from the first one is told of for this long."""
@@ -58,7 +64,10 @@ class Source:
     ----------
     messages : messages received.
     rejected : messages that held no sample, by reason.
-    stamps : of the last messages, ns.
+    stamps : of the messages since the last look, ns; `recent` of the last ones before.
+    rhythm : what their regularity tells of messages that never came.
+    missing : how many those were at the last look.
+    fault : why the topic cannot be subscribed to; empty where it is.
     frame : serialised frame_id of the last message; `first_frame` of the first.
     strange_frame : one that differed from the first, lately; else empty.
     absence : why the last message without a sample held none.
@@ -70,7 +79,10 @@ class Source:
         self.name, self.kind, self.required = name, kind, required
         self.messages = 0
         self.rejected: dict[str, int] = {}
-        self.stamps: deque[int] = deque(maxlen=REMEMBERED)
+        self.stamps: deque[int] = deque(maxlen=MOST_STAMPS)
+        self.recent: deque[int] = deque(maxlen=REMEMBERED)
+        self.rhythm, self.missing, self.fault = Rhythm(), 0, ""
+        self._read: Callable[[bytes], None] | None = None
         self._heard, self._heard_at = 0, 0.0
         self.frame = self.first_frame = b""
         self.absence = ""
@@ -85,22 +97,38 @@ class Source:
     @property
     def topic(self) -> str:
         """The resolved topic name."""
-        return str(self.subscription.topic_name)
+        try:
+            return str(self._node.resolve_topic_name(self.name))
+        except NameValidationException:
+            return self.name
 
     def subscribe(self, callback: Callable[[bytes], None]) -> None:
-        """Open the subscription; quality-of-service overrides that cannot be used are reported and ignored."""
-        guarded = self._guarded(callback)
+        """Read messages by `callback` from now on; open the subscription if it is not open yet.
+
+        Quality-of-service overrides that cannot be used are reported and ignored. Where the middleware refuses the
+        topic itself, the input stays silent and `fault` says why.
+        """
+        self._read = callback
+        if self.subscription is not None or self.fault:
+            return
 
         def create(qos: QoSProfile, options: Any) -> Any:
             return self._node.create_subscription(
-                self.kind, self.name, guarded, qos, qos_overriding_options=options, raw=True
+                self.kind, self.name, self._receive, qos, qos_overriding_options=options, raw=True
             )
 
-        self.subscription, self.qos = with_overrides(self._node, self.name, input_qos, create)
+        try:
+            self.subscription, self.qos = with_overrides(self._node, self.name, input_qos, create)
+        except Exception as error:  # a clashing type, a name that rcl refuses
+            self.fault = shown(
+                f"{self.topic}: cannot be subscribed to as {type_name(self.kind)} ({error}); does another topic of "
+                "this node have that name? Correct the remapping and start again"
+            )
 
     def close(self) -> None:
         """Close the subscription."""
-        self._node.destroy_subscription(self.subscription)
+        if self.subscription is not None:
+            self._node.destroy_subscription(self.subscription)
 
     def reject(self, reason: str) -> None:
         """Count a message that holds no sample."""
@@ -109,6 +137,24 @@ class Source:
     def rejected_lately(self) -> dict[str, int]:
         """Return the messages rejected since `looked_at`, by reason."""
         return {reason: count - self._looked.get(reason, 0) for reason, count in self.rejected.items()}
+
+    @property
+    def publishers(self) -> int:
+        """Publishers of the topic that the graph knows of, one that was killed a moment ago among them."""
+        return 0 if self.fault else int(self._node.count_publishers(self.topic))
+
+    def count_missing(self, *, pauses: bool) -> None:
+        """Look at the stamps since the last look; see `Rhythm.look`."""
+        if self.kind is Float64:  # stamped on receipt
+            self.recent.extend(self.stamps)
+            self.stamps.clear()
+            return
+        new = list(self.stamps)
+        self.stamps.clear()
+        self.recent.extend(new)
+        if self.messages - self._heard > MOST_STAMPS:
+            self.rhythm.restart()
+        self.missing = self.rhythm.look(new, pauses=pauses)
 
     def looked_at(self) -> float:
         """Begin a new count of late rejections; return the time since messages came, in looks once a second, s.
@@ -130,7 +176,12 @@ class Source:
     @property
     def last_stamp_ns(self) -> int:
         """Stamp of the last message read, ns."""
-        return self.stamps[-1] if self.stamps else 0
+        return self.stamps[-1] if self.stamps else self.recent[-1] if self.recent else 0
+
+    @property
+    def last_stamps(self) -> list[int]:
+        """Stamps of the last messages, ns."""
+        return [*self.recent, *self.stamps][-REMEMBERED:]
 
     def seen(self, frame: bytes) -> None:
         """Remember the frame of the last message."""
@@ -139,22 +190,18 @@ class Source:
         if frame != self.first_frame:
             self.strange_frame, self._strange_at = frame, time.monotonic()
 
-    def _guarded(self, callback: Callable[[bytes], None]) -> Callable[[bytes], None]:
-        """Return the callback in a form that counts and survives whatever a message provokes."""
-
-        def receive(raw: bytes) -> None:
-            self.messages += 1
-            try:
-                callback(raw)
-            except NoValueError as error:
-                self.absence = str(error)
-                self.reject("wrong_joint" if self.absence.startswith(("no joint", "several joints")) else "empty")
-            except LayoutError:
-                self.reject("malformed")
-            except Exception as error:
-                self._on_error(f"message on {self.name}", error)
-
-        return receive
+    def _receive(self, raw: bytes) -> None:
+        """Count a message and survive whatever it provokes."""
+        self.messages += 1
+        try:
+            self._read(raw)  # type: ignore[misc] # set before the topic is open
+        except NoValueError as error:
+            self.absence = shown(error, LONGEST_NAME)
+            self.reject("wrong_joint" if self.absence.startswith(("no joint", "several joints")) else "empty")
+        except LayoutError:
+            self.reject("malformed")
+        except Exception as error:
+            self._on_error(f"message on {self.name}", error)
 
 
 class Inputs:
@@ -179,16 +226,29 @@ class Inputs:
         self.frame = NO_FRAME
         """Serialised frame of the last friction message."""
         self.sources: dict[str, Source] = {}
-        if config.mode == "stamped":
+        self._open()
+
+    def _open(self) -> None:
+        """Read every input as the configuration says; what is open stays open."""
+        mode = self._config.mode
+        if mode == "stamped":
             self._stamped("velocity", TwistStamped, required=True)
             self._stamped("friction", WrenchStamped, required=True)
-        elif config.mode == "joint_state":
+        elif mode == "joint_state":
             self._joint_states()
-        else:
+        elif "velocity" not in self.sources:  # neither axis nor joint matter to it
             self._float64()
         self._stamped("pressure", FluidPressure)
         self._stamped("temperature", Temperature)
         self._stamped("position", JointState)
+
+    def reconfigure(self, config: InputConfig) -> None:
+        """Read by other settings from now on; only a change of the mode closes topics and opens others."""
+        former, self._config = self._config, config
+        if config.mode != former.mode:
+            for name in [name for name, source in self.sources.items() if source.required]:
+                self.sources.pop(name).close()
+        self._open()
 
     def close(self) -> None:
         """Close all subscriptions."""
@@ -196,9 +256,9 @@ class Inputs:
             source.close()
 
     def _source(self, name: str, kind: type, *, required: bool) -> Source:
-        source = Source(self._node, name, kind, required, self._on_error)
-        self.sources[name] = source
-        return source
+        if name not in self.sources:
+            self.sources[name] = Source(self._node, name, kind, required, self._on_error)
+        return self.sources[name]
 
     def _decoder(self, kind: type, quantity: str) -> Decoder:
         want = Want(quantity, self._config.axis, self._config.joint)

@@ -1,6 +1,7 @@
 """From events to published predictions, as messages arrive; replay does the same over arrays."""
 
 import time
+from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -12,6 +13,7 @@ from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.online.live import CAPACITY, Events, LiveStep, Prediction
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
+from friction_estimator.ros.load import Load
 
 Publish = Callable[[int, float, float, float], None]
 """Takes (stamp in ns, predicted friction, measured friction, standard deviation of the prediction)."""
@@ -23,7 +25,17 @@ WORK_OFF_HZ = 5000.0
 and a subscriber keeps up with what comes out."""
 
 LARGEST_PIECE = 256
-"""Samples of them at once: their predictions fit into any queue, and take less time than the inputs' queues hold."""
+"""Samples of them at once: their predictions fit into any queue."""
+
+LONGEST_PIECE_S = 0.01
+"""Time that such a piece may take, where that is more than one sample: services and diagnostics wait no longer."""
+
+LARGEST_BACKLOG = 1000
+"""Samples that wait at the most where they come faster than they can be predicted: as many as an input's queue holds.
+Then the oldest go, are counted, and the delay lines restart. What waited for the first contact may be more."""
+
+SLOWEST_BREATH_S = 0.15
+"""Samples are predicted as their messages are handed over while timers are served at least so often; see `breathe`."""
 
 
 class SampleStream:
@@ -37,21 +49,30 @@ class SampleStream:
     config : `sync.*`, `input.friction_sign` and `model.adapt` are read; units and range, if it says them.
     build : makes the estimator when the first contact has ended; where it cannot, samples are counted and dropped.
     publish : takes each prediction.
+    load : is told how long each sample took.
 
     Attributes
     ----------
     learn : whether samples are learned from.
     predictions, lost : samples predicted; samples without prediction, for want of a usable configuration or by a fault.
+    overrun : samples let go because the node is too slow for them.
+    on_backlog : called where samples begin to wait; `work_off` has to be called then.
     velocity_seen : lowest and highest velocity of the predicted samples, m/s.
     """
 
-    def __init__(self, config: Config, build: Build, publish: Publish) -> None:
+    def __init__(self, config: Config, build: Build, publish: Publish, load: Load | None = None) -> None:
         self.learn = config.model.adapt
         self.predictions = 0
         self.lost = 0
+        self.overrun = 0
+        self.on_backlog: Callable[[], None] = lambda: None
         self.velocity_seen = (float("inf"), float("-inf"))
         self._build, self._publish = build, publish
-        self._past: dict[str, int] = {}
+        self._load = load or Load()
+        self._breath = time.perf_counter_ns()
+        self._breathless = False
+        self._arrived: deque[int] = deque()
+        self._sample_s = 0.0
         self._dropped = 0
         self._worked_off_at, self._admitted_then = time.monotonic(), 0
         self._held = [float("nan"), float("nan")]
@@ -60,6 +81,9 @@ class SampleStream:
 
     def _connect(self, step: LiveStep | None) -> None:
         self._step = step
+        self._breathless = False
+        self._arrived.clear()
+        self._room = LARGEST_BACKLOG
         self._count = 0
         self._pending = [False, False]
         self._waiting = self.intake.pairer.waiting
@@ -72,6 +96,11 @@ class SampleStream:
     def estimator(self) -> Estimator | None:
         """The estimator; None while the first contact lasts, and where the configuration allows none."""
         return self._step.estimator if self._step is not None else None
+
+    @property
+    def running(self) -> bool:
+        """Whether samples are predicted, or wait to be."""
+        return self._step is not None
 
     @property
     def meeting(self) -> bool:
@@ -88,7 +117,7 @@ class SampleStream:
     @property
     def working_off(self) -> bool:
         """Whether `work_off` has something to do."""
-        return self._step is not None and self._step.behind > 0
+        return self._breathless or (self._step is not None and self._step.behind > 0)
 
     @property
     def dropped(self) -> int:
@@ -123,6 +152,7 @@ class SampleStream:
         else:
             self._dropped = self.dropped
             self._step.begin(estimator)
+            self._room = self._step.behind + LARGEST_BACKLOG
 
     # --- samples -----------------------------------------------------------------------------------------------
 
@@ -156,14 +186,22 @@ class SampleStream:
             samples = self.intake.push(self._streams[:count], self._stamps[:count], self._values[:count])
             self.lost += len(samples)
             self._waiting = self.intake.pairer.waiting
-        elif step.contact is None and not step.behind:
+        elif step.contact is None and not step.behind and not self._breathless:
             sequencer = self.intake.sequencer
             admitted, predictions = sequencer.admitted, self.predictions
+            begin = time.perf_counter_ns()
             try:
                 self._hand_on(step.run(count, learn=self.learn))
             finally:
                 self.lost += sequencer.admitted - admitted - (self.predictions - predictions)
                 self._waiting = self.intake.pairer.waiting
+            if self.predictions != predictions:
+                now = time.perf_counter_ns()
+                self._load.note(now - self._load.arrived(begin))
+                if now - self._breath > 1e9 * SLOWEST_BREATH_S:
+                    self._sample_s = 1e-9 * (now - begin)
+                    self._breathless = True
+                    self.on_backlog()
         else:
             self._wait(step, count)
 
@@ -181,51 +219,80 @@ class SampleStream:
 
     def _wait(self, step: LiveStep, count: int) -> None:
         """Let the samples that `count` events complete wait; where that ends the first contact, begin with them."""
-        sequencer, contact = self.intake.sequencer, step.contact
-        admitted = sequencer.admitted - self.held_back - self.dropped
+        sequencer, contact, behind = self.intake.sequencer, step.contact, step.behind
+        admitted = sequencer.admitted - self.held_back - self.dropped - self.overrun
         try:
             step.run(count, learn=self.learn, most=0)
+            if contact is None:
+                self._arrived.extend([time.perf_counter_ns()] * (step.behind - behind))
+                self._let_go(step)
+            elif step.contact is None:
+                self._room = step.behind + LARGEST_BACKLOG
         except FrictionEstimatorError:
             self._connect(None)  # no estimator, nothing to wait for; the builder says why
         finally:
             if contact is not None and (self._step is None or step.contact is None):
                 self._dropped += contact.dropped
-            self.lost += sequencer.admitted - self.held_back - self.dropped - admitted
+            self.lost += sequencer.admitted - self.held_back - self.dropped - self.overrun - admitted
             self._waiting = self.intake.pairer.waiting
         if contact is not None:
             self.work_off()
 
+    def _let_go(self, step: LiveStep) -> None:
+        """Drop the oldest of a backlog that has outgrown its room; what it is worked off by is room no more."""
+        surplus = step.behind - self._room
+        if surplus > 0:
+            step.let_go(surplus)
+            self.overrun += surplus
+            for _ in range(len(self._arrived) - step.behind):
+                self._arrived.popleft()
+        self._room = max(LARGEST_BACKLOG, min(self._room, step.behind + LARGEST_BACKLOG))
+
+    def breathe(self) -> None:
+        """Note that timers are served; to be called ten times a second or more.
+
+        The executor hands over all messages of a topic that wait before it turns to timers and services. Where each
+        takes longer than the next is away, that would never end: so if this is not called for a while, samples are
+        only paired as they come and predicted by `work_off`, in pieces that leave time for everything else.
+        """
+        self._breath = time.perf_counter_ns()
+
     def work_off(self) -> None:
         """Predict some of the samples that waited; to be called again and again while `working_off`."""
+        self._breath = time.perf_counter_ns()
         step = self._step
         now, admitted = time.monotonic(), self.intake.sequencer.admitted
         piece = 1 + round((now - self._worked_off_at) * WORK_OFF_HZ) + 2 * (admitted - self._admitted_then)
         self._worked_off_at, self._admitted_then = now, admitted
         if step is None or not step.behind:
+            self._breathless = False
             return
         behind, predictions = step.behind, self.predictions
+        most = min(piece, LARGEST_PIECE, int(LONGEST_PIECE_S / max(self._sample_s, 1e-9)))
         try:
-            self._hand_on(step.work_off(min(max(piece, 1), LARGEST_PIECE), learn=self.learn))
+            self._hand_on(step.work_off(max(most, 1), learn=self.learn))
         finally:
             self.lost += behind - step.behind - (self.predictions - predictions)
+        done, ended = behind - step.behind, time.perf_counter_ns()
+        self._sample_s = 1e-9 * (ended - self._breath) / max(done, 1)
+        # What waited for the first contact is not late, and comes first.
+        for _ in range(len(self._arrived) - step.behind):
+            self._load.note(ended - self._arrived.popleft())
 
     # --- settings and counters ---------------------------------------------------------------------------------
 
-    def reconfigure(self, config: Config) -> None:
-        """Pair by other settings from now on; the counters go on, samples that wait go on waiting."""
+    def retune(self, config: Config) -> None:
+        """Pair by other settings from now on; whatever waits goes on waiting, whatever was counted stays."""
         self.flush()
-        self.intake.flush()
-        self._past = self.counts
-        self.intake = Intake(config)
-        self._admitted_then = 0
+        self.intake.retune(config)
         if self._step is not None:
-            self._step.take_from(self.intake)
-        self._connect(self._step)
+            self._step.retuned()
+        self._waiting = self.intake.pairer.waiting
 
     @property
     def counts(self) -> dict[str, int]:
         """Samples by reason (`used` among them), and the breaks in time: `gaps` and `jumps`."""
-        total = dict(self._past)
+        total: dict[str, int] = {}
         sequencer = self.intake.sequencer
         for reason, count in {**self.intake.counts, "gaps": sequencer.gaps, "jumps": sequencer.jumps}.items():
             total[reason] = total.get(reason, 0) + count

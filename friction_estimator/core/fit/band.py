@@ -10,6 +10,7 @@ out), so a film that lags, which bends the curve differently on the way up and d
 the velocities seen the band widens with the distance.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -173,7 +174,7 @@ def static_curve(
     model: Model,
     theta: Floats,
     errors: Floats,
-    covariance: Floats | None,
+    spread: Callable[[Floats], Floats] | None,
     prior: Prior,
     conditions: tuple[float, float],
     velocity_m_s: Floats | None = None,
@@ -183,7 +184,8 @@ def static_curve(
     Parameters
     ----------
     theta : (n,), parameters. errors : (cells, 3), table of running errors.
-    covariance : (n, n), of theta, normalised; None for laws that have none: then the running errors alone count.
+    spread : takes gradients J (m, n), returns J C J' of each row with C the covariance of theta, (m,), normalised; None
+        for laws that have none: then the running errors alone count.
     conditions : gauge pressure (Pa) and temperature (degC).
     velocity_m_s : (m,), where; `POINTS` evenly over the learned velocities unless given.
     """
@@ -194,11 +196,11 @@ def static_curve(
     cell = model.basis.cells(velocity)
     variance = misfit_variance(errors)[cell] + beyond_variance(model.beyond(velocity))
     share = None
-    if covariance is None:
+    if spread is None:
         power = np.where(errors[:, COUNT] > 0.0, errors[:, POWER], np.max(errors[:, POWER], initial=0.0))
         variance = variance + power[cell]
     else:
-        after = np.maximum(np.sum((gradient @ covariance) * gradient, axis=1), 0.0)
+        after = np.maximum(spread(gradient), 0.0)
         before = np.sum((gradient @ prior.covariance) * gradient, axis=1)
         left = np.clip(after / np.maximum(before, np.finfo(float).tiny), 0.0, 1.0)
         share = np.where(before > 0.0, 1.0 - left, 0.0)

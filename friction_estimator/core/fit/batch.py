@@ -79,7 +79,12 @@ class BatchFit:
         """Return the static curve with its band at the median pressure and temperature of `samples`."""
         conditions = median_conditions(self.model, samples)
         prior, theta = self.posterior.prior, self.parameters.theta
-        return static_curve(self.model, theta, self.errors, self.covariance, prior, conditions, velocity_m_s)
+        covariance = self.covariance
+
+        def spread(gradient: Floats) -> Floats:
+            return np.asarray(np.sum((gradient @ covariance) * gradient, axis=1))
+
+        return static_curve(self.model, theta, self.errors, spread, prior, conditions, velocity_m_s)
 
 
 def fit_batch(

@@ -39,6 +39,15 @@ class Intake:
         self.encoder = Encoder()
         self.sign = float(config.input.friction_sign)
 
+    def retune(self, config: Config) -> None:
+        """Take over other settings; nothing that waits, was counted or is known of the past is lost.
+
+        What holds on to `Pairer.arguments` or `Sequencer.arguments` has to ask for them again.
+        """
+        self.pairer.retune(config.sync)
+        self.sequencer.retune(config.sync)
+        self.sign = float(config.input.friction_sign)
+
     def push(self, stream: ArrayLike, stamp_ns: ArrayLike, value: ArrayLike) -> Samples:
         """Take events (see `Pairer.push`); return the samples that they complete and that are admitted.
 

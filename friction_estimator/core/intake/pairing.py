@@ -172,6 +172,24 @@ class Pairer:
         self._held_now = np.full(HELD, np.nan)
         self._dropped = np.zeros(len(REASONS), np.int64)
 
+    def retune(self, sync: SyncConfig) -> None:
+        """Pair by other settings from now on; what waits goes on waiting, the oldest dropped where room is less."""
+        self._slop_ns = round(sync.slop * NS_PER_S)
+        size, former = sync.queue, self._stamp.shape[1]
+        if size == former:
+            return
+        stamps, values = np.zeros((2, size), np.int64), np.zeros((2, size))
+        for stream in (VELOCITY, FRICTION):
+            head, count = int(self._queue[stream]), int(self._queue[2 + stream])
+            places = (head + np.arange(count)) % former
+            for place in places[: max(0, count - size)]:
+                _drop(self._stamp[stream, place], self._queue[4], self._dropped)
+            kept = places[max(0, count - size) :]
+            stamps[stream, : kept.size] = self._stamp[stream, kept]
+            values[stream, : kept.size] = self._value[stream, kept]
+            self._queue[stream], self._queue[2 + stream] = 0, kept.size
+        self._stamp, self._value = stamps, values
+
     def push(self, stream: ArrayLike, stamp_ns: ArrayLike, value: ArrayLike) -> Pairs:
         """Take events in arrival order; return the samples that they complete.
 
@@ -283,11 +301,15 @@ class Sequencer:
     """
 
     def __init__(self, sync: SyncConfig) -> None:
-        self._gap_factor = sync.gap_factor
-        self._jump_ns = max(1, round(sync.jump_back * NS_PER_S))
+        self.retune(sync)
         self._clock = np.zeros(2, np.int64)
         self._events = np.zeros(3)
         self._counts = np.zeros(len(REASONS), np.int64)
+
+    def retune(self, sync: SyncConfig) -> None:
+        """Judge by other settings from now on."""
+        self._gap_factor = sync.gap_factor
+        self._jump_ns = max(1, round(sync.jump_back * NS_PER_S))
 
     def admit(self, stamp_ns: Ints, velocity_m_s: Floats, friction_N: Floats) -> tuple[NDArray[np.int8], Bools]:
         """Return (status, restart) for samples in arrival order, each (n,); status indexes `REASONS`."""

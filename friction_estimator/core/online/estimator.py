@@ -236,8 +236,13 @@ class Estimator:
         velocity_m_s : (m,), where; 401 evenly over the learned velocities unless given.
         """
         conditions = median_conditions(self.model, samples)
-        theta, errors = self.work.theta, self.work.errors
-        return static_curve(self.model, theta, errors, self.covariance, self._prior, conditions, velocity_m_s)
+        theta, errors, root = self.work.theta, self.work.errors, self.work.root
+
+        def spread(gradient: Floats) -> Floats:  # without the covariance itself, whose product costs n^3
+            return np.asarray(self._prior.residual_variance * np.sum(np.square(gradient @ root), axis=1))
+
+        known = spread if self.law.keeps_covariance else None
+        return static_curve(self.model, theta, errors, known, self._prior, conditions, velocity_m_s)
 
     @property
     def health(self) -> Health:

@@ -8,6 +8,7 @@ samples at once, extension terms, a curve other than the seal's) goes through th
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from math import isfinite
 
 import numpy as np
@@ -99,9 +100,9 @@ class LiveStep(Events):
         else:
             self._refresh(self.estimator)
 
-    def take_from(self, intake: Intake) -> None:
-        """Pair and admit by another intake from now on; samples that wait go on waiting."""
-        self._connect(intake)
+    def retuned(self) -> None:
+        """Notice that the intake was retuned."""
+        self._connect(self.intake)
         if self.estimator is not None:
             self._refresh(self.estimator)
 
@@ -130,7 +131,7 @@ class LiveStep(Events):
         estimator = self.estimator
         if not joined:
             return self.work_off(most, learn=learn) if self.behind else []
-        if joined == 1 and estimator is not None and self._usual and not self.behind:
+        if joined == 1 and most is None and estimator is not None and self._usual and not self.behind:
             admit(*self._admission)
             if self._status.item() != USED:
                 return []
@@ -177,6 +178,22 @@ class LiveStep(Events):
             self.behind -= len(part)
             found += self._several(self.estimator, part, learn)
         return found
+
+    def let_go(self, count: int) -> None:
+        """Drop the oldest of the backlog; the delay lines restart behind the gap."""
+        while count and self._backlog:
+            part = self._backlog.popleft()
+            rest = part[count:]
+            gone = len(part) - len(rest)
+            count -= gone
+            self.behind -= gone
+            if len(rest):
+                self._backlog.appendleft(rest)
+        if self._backlog:
+            part = self._backlog.popleft()
+            restart = part.restart.copy()
+            restart[0] = True
+            self._backlog.appendleft(replace(part, restart=restart))
 
     def _fall_behind(self, samples: Samples) -> None:
         if len(samples):

@@ -14,6 +14,7 @@ from friction_estimator.core.settings.groups import (
     LEAST_FORCE_N,
     BasisConfig,
     ExtensionConfig,
+    FilesConfig,
     FirConfig,
     InputConfig,
     LearnedConfig,
@@ -56,6 +57,7 @@ class Config:
     sync: SyncConfig = SyncConfig()
     publish: PublishConfig = PublishConfig()
     state: StateConfig = StateConfig()
+    files: FilesConfig = FilesConfig()
     extension: ExtensionConfig = ExtensionConfig()
     learned: LearnedConfig = LearnedConfig()
 

@@ -292,6 +292,18 @@ class StateConfig:
 
 
 @dataclass(frozen=True)
+class FilesConfig:
+    """What clients elsewhere may do with files of this machine."""
+
+    remote: bool = setting(
+        False,
+        "Let parameters that name files (theory.table, state.file) be changed on the running node: any client of the "
+        "graph may then have the node read and write files.",
+        at_start=True,
+    )
+
+
+@dataclass(frozen=True)
 class ExtensionConfig:
     """Terms that a diagnosis added to the model."""
 

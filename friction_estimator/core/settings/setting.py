@@ -26,12 +26,15 @@ def setting(
     live: bool = False,
     learned: bool = False,
     path: bool = False,
+    at_start: bool = False,
 ) -> Any:
     """Declare one setting.
 
     `live` settings act at once on a running node; the others act at the next reset. `learned` ones are
-    written by the estimator itself, a `path` is relative to the file that holds it. `low` and `high` are inclusive and
-    hold for every element of an array; what is not 0 is at least `least` in size.
+    written by the estimator itself. A `path` names a file on this machine, relative to the file that holds it, which a
+    client elsewhere may change only where `files.remote` says so; what is `at_start` only can never be changed on a
+    running node. `low` and `high` are inclusive and hold for every element of an array; what is not 0 is at least
+    `least` in size.
     """
     meta = {
         "description": description,
@@ -43,6 +46,7 @@ def setting(
         "live": live,
         "learned": learned,
         "path": path,
+        "at_start": at_start,
     }
     return field(default=default, metadata=meta)
 
@@ -63,6 +67,7 @@ class Parameter:
     live: bool
     learned: bool
     path: bool
+    at_start: bool
 
     @property
     def is_array(self) -> bool:
@@ -73,6 +78,14 @@ class Parameter:
     def element(self) -> type:
         """Type of the value, or of an array's elements."""
         return str if self.name == "extension.terms" else float if self.is_array else self.kind
+
+    @property
+    def acts(self) -> str:
+        """When a value that is set on a running node acts."""
+        if self.at_start:
+            return "at start only"
+        when = "at once" if self.live else "at ~/reset"
+        return f"{when}, changed on a running node only with files.remote" if self.path else when
 
     def of(self, config: object) -> Value:
         """Return this parameter's value in `config`."""
