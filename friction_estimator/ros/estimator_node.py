@@ -68,11 +68,11 @@ class EstimatorNode(ConfiguredNode):
             self.health.notes["outputs"] = "; ".join(self._outputs.faults)
         self._keeper = StateKeeper(self.get_logger())
         for reason in self.refused:
-            self.get_logger().error(shown(f"parameter refused: {reason}"))
+            self.get_logger().error(f"parameter refused: {reason}")
         if self.refused:
             self.health.notes["refused parameters"] = "; ".join(self.refused)
         for line in self.retired:
-            self.get_logger().warning(shown(line))
+            self.get_logger().warning(line)
         warm_up()
         # Housekeeping must go on when the simulation's clock stands still.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -89,7 +89,7 @@ class EstimatorNode(ConfiguredNode):
         self._service(SetBool, "~/enable", self._enable)
         self._service(SetBool, "~/adapt", self._adapt)
         topics = ", ".join(source.topic for source in self._inputs.sources.values() if source.required)
-        self.get_logger().info(shown(f"listening: {topics}"))
+        self.get_logger().info(f"listening: {topics}")
         self.create_timer(1.0, self._tick, clock=steady)
 
     # --- estimator ---------------------------------------------------------------------------------------------
@@ -108,7 +108,7 @@ class EstimatorNode(ConfiguredNode):
         self._begin(estimator)
         if self._keeper.start():
             try:
-                self.get_logger().info(shown(self._keeper.load(self._restored)))
+                self.get_logger().info(self._keeper.load(self._restored))
             except FrictionEstimatorError as error:
                 self._keeper.refuse(error)
 
@@ -147,13 +147,13 @@ class EstimatorNode(ConfiguredNode):
         for note in ("configuration", "started cold", "reset"):
             self.health.notes.pop(note, None)
         if reason:
-            self.get_logger().error(shown(f"starting cold: {reason}"))
+            self.get_logger().error(f"starting cold: {reason}")
             self.health.notes["started cold"] = reason
         self.config = config
         return estimator
 
     def _unusable(self, reason: str) -> None:
-        self.get_logger().error(shown(f"not estimating: {reason}; correct it and call ~/reset"))
+        self.get_logger().error(f"not estimating: {reason}; correct it and call ~/reset")
         self.health.notes["configuration"] = f"not estimating: {reason}"
 
     def _met(self, config: Config) -> Estimator:
@@ -258,7 +258,7 @@ class EstimatorNode(ConfiguredNode):
             if not self._stream.running:
                 self._unusable(reason)
                 raise
-            self.get_logger().error(shown(f"~/reset refused: {reason}; what was running goes on"))
+            self.get_logger().error(f"~/reset refused: {reason}; what was running goes on")
             self.health.notes["reset"] = f"refused, what was running goes on: {reason}"
             raise
         self._begin(estimator)

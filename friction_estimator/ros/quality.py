@@ -8,8 +8,6 @@ from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
-from friction_estimator.core.text import shown
-
 
 def input_qos() -> QoSProfile:
     """Return the default of the inputs: it matches any publisher, and holds a second at 1 kHz."""
@@ -52,9 +50,7 @@ def with_overrides(
     except Exception as error:  # rclpy raises half a dozen kinds for values that users write
         qos = default()
         node.get_logger().error(
-            shown(
-                f"quality of service of {topic}: {error}; "
-                f"using {qos.reliability.name.lower()}, {qos.history.name.lower()} {qos.depth}"
-            )
+            f"quality of service of {topic}: {error}; "
+            f"using {qos.reliability.name.lower()}, {qos.history.name.lower()} {qos.depth}"
         )
         return create(qos, None), qos

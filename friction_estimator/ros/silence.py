@@ -55,14 +55,14 @@ class Findings:
         for key, finding in present.items():
             if now - self._logged_at.get(key, -REPEAT_S) >= REPEAT_S:
                 if finding.grave:  # rclpy allows one severity a line of source
-                    self._node.get_logger().error(shown(finding.text))
+                    self._node.get_logger().error(finding.text)
                 else:
-                    self._node.get_logger().warning(shown(finding.text))
+                    self._node.get_logger().warning(finding.text)
                 self._logged_at[key] = now
         for key, finding in self._present.items():
             gone = f"gone: {key}"
             if key not in present and now - self._logged_at.get(gone, -REPEAT_S) >= REPEAT_S:
-                self._node.get_logger().info(shown(f"no longer so: {finding.text}"))
+                self._node.get_logger().info(f"no longer so: {finding.text}")
                 self._logged_at[gone] = now
         self._present = present
         self._logged_at = {key: at for key, at in self._logged_at.items() if now - at < REPEAT_S or key in present}
