@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
 
-from friction_estimator.bag.columns import Term, read_columns
+from friction_estimator.bag.columns import Term
 from friction_estimator.bag.read import read_recording
 from friction_estimator.bag.samples import to_samples
 from friction_estimator.bag.table import GAP_PERIODS, RESTART_GAP_S, TableSpec, read_table
@@ -97,6 +97,8 @@ def test_separators_are_found_and_words_and_blanks_survive(tmp_path, separator):
         ("run.csv", b"", "has no header line"),
         ("run.csv", b"t,v,f\n", "no usable row: the table is empty"),
         ("run.csv", b"t,v,f\n0,1\n1,2,3,4,5\n", "is no readable csv table"),
+        ("run.csv", b"t,v,f\n0,1,2,3\n1,2,3,4\n", "its rows hold 4 cells and the header names 3: name every column"),
+        ("run.csv", b"t,v," + b"f" * 2_000_000, "has a first line of more than"),
         ("run.csv", b"t,v,f\n0,1,\xff\xfe\n", "is no readable csv table"),
         ("run.csv", b"t,v,force\n0,1,2\n", "no column 'f'; "),
         ("run.csv", b"t,vel,f\n0,1,2\n", "no column 'v'; columns: t, vel, f"),
@@ -129,22 +131,20 @@ def test_a_table_that_cannot_be_used_is_refused_in_one_line(tmp_path, name, cont
 
 def test_what_is_not_there_is_named(tmp_path):
     with pytest.raises(InputError, match=r"gone.csv: no such file"):
-        read_columns(tmp_path / "gone.csv")
+        read_table(tmp_path / "gone.csv", SPEC)
     with pytest.raises(InputError, match=r"gone.npz: no such file"):
-        read_columns(tmp_path / "gone.npz")
+        read_table(tmp_path / "gone.npz", SPEC)
     np.savez(tmp_path / "odd.npz", t=np.arange(3.0), v=np.arange(3.0), f=np.arange(4.0))
     with pytest.raises(InputError, match="the columns differ in length: t 3, v 3, f 4"):
         read_table(tmp_path / "odd.npz", SPEC)
 
 
 def test_a_reader_that_is_not_installed_is_named_with_its_remedy(tmp_path, monkeypatch):
-    def missing(*_, **__):
-        raise ImportError("Missing optional dependency 'pyarrow'")
-
-    monkeypatch.setattr(pd, "read_parquet", missing)
+    (tmp_path / "pyarrow.py").write_text("raise ModuleNotFoundError('No module', name='pyarrow')")
+    monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "run.parquet").write_bytes(b"")
-    with pytest.raises(InputError, match=r"reading .*run.parquet needs pyarrow: pip install pyarrow"):
-        read_columns(tmp_path / "run.parquet")
+    with pytest.raises(InputError, match=r"run.parquet: reading it needs pyarrow: pip install pyarrow"):
+        read_table(tmp_path / "run.parquet", SPEC)
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,10 @@
-"""Columns of tables: CSV, MATLAB .mat, numpy .npz and .parquet as named columns of numbers or words."""
+"""Columns of tables: a column with scale and offset, and cells as numbers."""
 
-import csv
 import difflib
 import re
-import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +13,18 @@ from friction_estimator.core.errors import InputError
 from friction_estimator.core.sample import Floats
 
 Columns = dict[str, NDArray[Any]]
+
+
+class TableFile(Protocol):
+    """An open table."""
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Its columns."""
+
+    def read(self, wanted: Sequence[str]) -> Columns:
+        """Return some of its columns, each (n,)."""
+
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _TERM = re.compile(
@@ -94,99 +103,3 @@ def numbers(cells: NDArray[Any], name: str) -> Floats:
 def empty(cell: object) -> bool:
     """Return whether a cell holds nothing: NaN, None or blank text."""
     return str(cell).strip().lower() in _EMPTY
-
-
-def read_columns(path: Path) -> Columns:
-    """Read all columns of a table.
-
-    Of .mat and .npz, variables become columns: members of a structure as `name.member`, the columns of a matrix as
-    `name[0]`, `name[1]`, ...
-
-    Raises
-    ------
-    InputError where the file cannot be read, or what reads it is not installed.
-    """
-    readers = {
-        ".csv": _csv,
-        ".tsv": _csv,
-        ".txt": _csv,
-        ".npz": _npz,
-        ".mat": _mat,
-        ".parquet": _parquet,
-    }
-    reader = readers.get(path.suffix.lower())
-    if reader is None:
-        raise InputError(f"{path} is no table that can be read; expected one of {', '.join(readers)}")
-    try:
-        return reader(path)
-    except InputError:
-        raise
-    except ImportError as error:
-        missing = "pyarrow" if path.suffix == ".parquet" and error.name != "pandas" else error.name
-        raise InputError(f"reading {path} needs {missing}: pip install {missing}") from error
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file") from error
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or _line(error)}") from error
-    except Exception as error:  # parsers raise many kinds
-        raise InputError(f"{path} is no readable {path.suffix[1:]} table: {_line(error)}") from error
-
-
-def _line(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
-
-
-def _csv(path: Path) -> Columns:
-    import pandas as pd  # noqa: PLC0415 - slow to import, optional at run time
-
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        header = file.readline()
-    if not header.strip():
-        raise InputError(f"{path} has no header line: the first line must name the columns")
-    try:
-        separator = csv.Sniffer().sniff(header, ",;\t|").delimiter
-    except csv.Error:
-        separator = ","
-    frame = pd.read_csv(path, sep=separator, skipinitialspace=True, low_memory=False, encoding="utf-8-sig")
-    return {str(name).strip(): frame[name].to_numpy() for name in frame.columns}
-
-
-def _parquet(path: Path) -> Columns:
-    import pandas as pd  # noqa: PLC0415
-
-    frame = pd.read_parquet(path, engine="pyarrow")
-    return {str(name): frame[name].to_numpy() for name in frame.columns}
-
-
-def _npz(path: Path) -> Columns:
-    if not zipfile.is_zipfile(path):
-        if not path.exists():
-            raise FileNotFoundError(path)
-        raise InputError(f"{path} is no .npz file: write it with numpy.savez")
-    with np.load(path, allow_pickle=False) as archive:
-        return _flat({name: archive[name] for name in archive.files})
-
-
-def _mat(path: Path) -> Columns:
-    from scipy.io import loadmat  # noqa: PLC0415 - slow to import
-
-    try:
-        content = loadmat(path, simplify_cells=True)
-    except NotImplementedError as error:
-        raise InputError(f"{path} is a MATLAB v7.3 file; save it again with save('{path.name}', '-v7')") from error
-    return _flat({name: value for name, value in content.items() if not name.startswith("__")})
-
-
-def _flat(tree: Mapping[str, Any], prefix: str = "") -> Columns:
-    columns: Columns = {}
-    for name, value in tree.items():
-        full = f"{prefix}{name}"
-        if isinstance(value, Mapping):
-            columns |= _flat(value, f"{full}.")
-            continue
-        array = np.asarray(value)
-        if array.ndim == 2 and min(array.shape) > 1:
-            columns |= {f"{full}[{k}]": array[:, k] for k in range(array.shape[1])}
-        elif array.ndim <= 2:
-            columns[full] = array.ravel()
-    return columns

@@ -21,10 +21,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from friction_estimator.bag.columns import Columns, Term, empty, read_columns
+from friction_estimator.bag.columns import Columns, TableFile, Term, empty
 from friction_estimator.bag.messages import INPUTS
+from friction_estimator.bag.table_files import open_table
 from friction_estimator.bag.topics import REQUIRED
-from friction_estimator.core.errors import InputError, UnanswerableError
+from friction_estimator.core.errors import InputError, UnanswerableError, about
 from friction_estimator.core.intake.pairing import LARGEST_VALUE
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Ints, Samples
 
@@ -94,17 +95,12 @@ def read_table(path: str | PathLike[str], spec: TableSpec) -> tuple[Samples, Tab
     UnanswerableError where no usable row is left.
     """
     source = Path(path)
-    columns = read_columns(source)
-    try:
-        return _samples(columns, spec)
-    except UnanswerableError as error:
-        raise UnanswerableError(f"{source}: {error}") from error
-    except InputError as error:
-        raise InputError(f"{source}: {error}") from error
+    with about(source), open_table(source) as table:
+        return _samples(table, spec)
 
 
-def _samples(columns: Columns, spec: TableSpec) -> tuple[Samples, TableReport]:
-    rows, values, label = _selected(columns, spec)
+def _samples(table: TableFile, spec: TableSpec) -> tuple[Samples, TableReport]:
+    rows, values, label = _selected(table, spec)
     complete = np.ones(label.size, np.bool_)
     missing: dict[str, int] = {}
     infinite: dict[str, int] = {}
@@ -168,7 +164,7 @@ def _too_long(spec: TableSpec, earliest_s: float, latest_s: float) -> InputError
     )
 
 
-def _selected(columns: Columns, spec: TableSpec) -> tuple[int, dict[str, Floats], NDArray[Any]]:
+def _selected(table: TableFile, spec: TableSpec) -> tuple[int, dict[str, Floats], NDArray[Any]]:
     """Return the number of rows, and time, inputs and segment label of those that match, in SI units."""
     for name in spec.inputs:
         if name not in INPUTS:
@@ -176,12 +172,14 @@ def _selected(columns: Columns, spec: TableSpec) -> tuple[int, dict[str, Floats]
     for name in ("velocity", "friction"):
         if name not in spec.inputs:
             raise InputError(f"the map has no {name}: give velocity=COLUMN,friction=COLUMN")
-    terms = {"time": Term.parse(spec.time, columns)}
-    terms |= {name: Term.parse(text, columns) for name, text in spec.inputs.items()}
-    filters = [(Term.parse(name, columns).column, value) for name, value in spec.where]
-    segment = None if spec.segment is None else Term.parse(spec.segment, columns).column
+    names = table.names
+    terms = {"time": Term.parse(spec.time, names)}
+    terms |= {name: Term.parse(text, names) for name, text in spec.inputs.items()}
+    filters = [(Term.parse(name, names).column, value) for name, value in spec.where]
+    segment = None if spec.segment is None else Term.parse(spec.segment, names).column
     used = {term.column for term in terms.values()} | {name for name, _ in filters} | ({segment} - {None})
-    rows = _common_length({name: columns[name] for name in columns if name in used})
+    columns = table.read([name for name in names if name in used])
+    rows = _common_length(columns)
     matching = np.ones(rows, np.bool_)
     for name, value in filters:
         matching &= _equal(columns[name], name, value)
