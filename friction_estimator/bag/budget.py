@@ -7,6 +7,8 @@ table) has one budget.
 
 import bz2
 import sys
+from collections.abc import Iterator
+from typing import BinaryIO
 
 import lz4.frame
 
@@ -17,6 +19,14 @@ else:
 
 PIECE_BYTES = 256 << 20
 """Largest chunk or message of a recording, unpacked. Recorders make chunks of 1 to 10 MB."""
+
+ANY_RATIO_BYTES = 64 << 20
+"""What a piece may unpack to whatever its packed size: a large blank image packs very well."""
+
+LARGEST_RATIO = 1000
+"""Largest ratio of unpacked to packed size beyond that: recordings of numbers come to 5 to 50."""
+
+_STEP = 4 << 20
 
 TABLE_BYTES = 512 << 20
 """Largest total of the columns that are read of a table: 64 million numbers."""
@@ -66,22 +76,37 @@ def unpack(data: bytes | memoryview, compression: str, limit: int = PIECE_BYTES)
     >>> unpack(zstd.compress(bytes(300)), "zstd") == bytes(300)
     True
     """
+    allowed = min(PIECE_BYTES, max(ANY_RATIO_BYTES, LARGEST_RATIO * len(data)))
     if limit > PIECE_BYTES:
         raise TooLargeError(f"a piece of {megabytes(limit)}, where {megabytes(PIECE_BYTES)} are the most that is read")
     if not compression:
         return bytes(data)
     if compression not in _DECOMPRESSORS:
         raise ValueError(f"compression {compression!r} is not supported")
-    found = b""
-    rest = bytes(data)
+    found: list[bytes] = []
+    size, rest = 0, bytes(data)
+    room = min(limit, allowed)
     while rest:
         decompressor = _DECOMPRESSORS[compression]()
-        found += decompressor.decompress(rest, max_length=limit + 1 - len(found))
-        if len(found) > limit:
-            raise TooLargeError(
-                f"a piece unpacks to more than {megabytes(limit) if limit >= 1e6 else f'{limit} bytes'}"
-            )
+        found.append(decompressor.decompress(rest, max_length=room + 1 - size))
+        size += len(found[-1])
+        if size > room:
+            raise TooLargeError(f"a piece of {len(data)} bytes unpacks to more than {room}")
         if not decompressor.eof:
             raise ValueError("packed data end early")
         rest = decompressor.unused_data or b""
-    return found
+    return found[0] if len(found) == 1 else b"".join(found)
+
+
+def unpack_file(packed: BinaryIO, size: int) -> Iterator[bytes]:
+    """Yield a file of `size` bytes that zstd has packed whole, piece by piece.
+
+    Raises TooLargeError where it unpacks to more than a recording can; what zstd raises for damaged data.
+    """
+    limit = max(PIECE_BYTES, LARGEST_RATIO * size)
+    with zstd.open(packed, "rb") as plain:
+        while piece := plain.read(_STEP):
+            limit -= len(piece)
+            if limit < 0:
+                raise TooLargeError(f"more than {LARGEST_RATIO} times its size")
+            yield piece

@@ -1,8 +1,8 @@
-"""Uncompressed mcap at the speed of numpy, by the index that the file carries.
+"""mcap at the speed of numpy, by the index that the file carries.
 
 Each chunk is followed by the places of its messages, so the payloads of a topic are gathered with one indexing
-operation a chunk instead of one step a message. Files without such an index, or with compressed chunks, are left
-to rosbags: `batches` then returns None. Format: https://mcap.dev/spec.
+operation a chunk instead of one step a message. One chunk is in memory at a time; packed ones have a budget. Files
+without such an index are left to rosbags: `batches` then returns None. Format: https://mcap.dev/spec.
 """
 
 import os
@@ -17,6 +17,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from friction_estimator.bag.budget import TooLargeError, unpack
 from friction_estimator.bag.messages import Rows
 from friction_estimator.core.sample import Ints
 
@@ -27,9 +28,12 @@ MAGIC = b"\x89MCAP0\r\n"
 
 _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX, _CHUNK_INDEX, _STATISTICS = 0x04, 0x05, 0x06, 0x07, 0x08, 0x0B
 
+_IN_CHUNKS = (0x03, _CHANNEL, _MESSAGE)
+"""Records that stand in chunks: schemas, channels, messages."""
+
 _RECORD = struct.Struct("<BQ")  # opcode, length of what follows
 _FOOTER = struct.Struct("<BQQQI8s")
-_CHUNK_HEAD = struct.Struct("<BQQQQIIQ")  # record, times, uncompressed size, crc, no compression, size
+_CHUNK_HEAD = struct.Struct("<BQQQQII")  # record, times, size when unpacked, crc, length of the compression's name
 _CHUNK_PLACE = struct.Struct("<QQQQ")  # times, offset, length
 _MESSAGE_HEAD = np.dtype(
     [("op", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("sent", "<u8")]
@@ -50,6 +54,7 @@ class _Chunk:
     length: int
     index_length: int
     indices: dict[int, int]
+    compression: str
 
 
 @dataclass(frozen=True)
@@ -99,10 +104,7 @@ def _read_summary(file: BinaryIO) -> _Summary | None:
                     return None
                 topics[channel] = topic
             elif code == _CHUNK_INDEX:
-                chunk = _chunk(body)
-                if chunk is None:
-                    return None
-                chunks.append(chunk)
+                chunks.append(_chunk(body))
             elif code == _STATISTICS:
                 counted = dict(struct.iter_unpack("<HQ", body[46:]))
     except (struct.error, UnicodeDecodeError) as error:
@@ -122,14 +124,14 @@ def _channel(body: bytes) -> tuple[int, str, str]:
     return channel, encoding, topic
 
 
-def _chunk(body: bytes) -> _Chunk | None:
-    """Read a ChunkIndex record; None for a compressed chunk."""
+def _chunk(body: bytes) -> _Chunk:
+    """Read a ChunkIndex record."""
     _, _, start, length = _CHUNK_PLACE.unpack_from(body)
     (size,) = struct.unpack_from("<I", body, 32)
     indices = dict(struct.iter_unpack("<HQ", body[36 : 36 + size]))
     (index_length,) = struct.unpack_from("<Q", body, 36 + size)
     compression, _ = _string(body, 44 + size)
-    return None if compression else _Chunk(start, length, index_length, indices)
+    return _Chunk(start, length, index_length, indices, compression)
 
 
 def _string(body: bytes, at: int) -> tuple[str, int]:
@@ -146,9 +148,12 @@ def _index_places(chunk: _Chunk) -> dict[int, tuple[int, int]]:
 
 def _read_chunks(path: Path, chunks: list[_Chunk], wanted: dict[int, str]) -> Iterator[Batch]:
     with path.open("rb") as file:
+        size = os.fstat(file.fileno()).st_size
         for chunk in sorted(chunks, key=lambda item: item.start):
             if wanted.keys().isdisjoint(chunk.indices):
                 continue
+            if chunk.length + chunk.index_length > size or chunk.start > size:
+                raise DamagedError(f"the chunk at byte {chunk.start} is damaged (the file ends in it)")
             file.seek(chunk.start)
             block = file.read(chunk.length + chunk.index_length)
             try:
@@ -157,22 +162,40 @@ def _read_chunks(path: Path, chunks: list[_Chunk], wanted: dict[int, str]) -> It
                     if channel in wanted:
                         index = block[place - chunk.start : end - chunk.start]
                         yield (wanted[channel], *_messages(records, index, channel))
-            except (struct.error, ValueError, IndexError) as error:
+            except TooLargeError as error:
+                raise DamagedError(f"the chunk at byte {chunk.start} is too large ({error})") from error
+            except Exception as error:  # decompressors raise many kinds
                 raise DamagedError(f"the chunk at byte {chunk.start} is damaged ({error})") from error
 
 
 def _records(block: bytes, chunk: _Chunk) -> Rows:
     """Return the records inside a chunk, checked by its checksum where it has one."""
-    code, _, _, _, size, checksum, compression, stored = _CHUNK_HEAD.unpack_from(block)
-    start = _CHUNK_HEAD.size
-    if code != _CHUNK or compression or size != stored or start + size != chunk.length:
+    code, _, _, _, size, checksum, letters = _CHUNK_HEAD.unpack_from(block)
+    start = _CHUNK_HEAD.size + letters + 8
+    compression, _ = _string(block, _CHUNK_HEAD.size - 4)
+    (stored,) = struct.unpack_from("<Q", block, start - 8)
+    if code != _CHUNK or compression != chunk.compression or start + stored != chunk.length:
         raise ValueError("its head does not agree with the index")
     if len(block) != chunk.length + chunk.index_length:
         raise ValueError("the file ends in it")
-    records = memoryview(block)[start : start + size]
+    packed = memoryview(block)[start : start + stored]
+    records = unpacked_chunk(packed, compression, size) if compression else packed
+    if len(records) != size:
+        raise ValueError("its size is not the declared one")
     if checksum and zlib.crc32(records) != checksum:
         raise ValueError("its checksum is wrong")
     return np.frombuffer(records, np.uint8)
+
+
+def unpacked_chunk(data: bytes | memoryview, compression: str, size: int) -> bytes:
+    """Return the records that a chunk unpacks to, `size` bytes as it declares.
+
+    Raises ValueError (TooLargeError) where it cannot be, and what the decompressors raise for damaged data.
+    """
+    records = unpack(data, compression, size)
+    if records and records[0] not in _IN_CHUNKS:
+        raise ValueError(f"a chunk begins with a record of kind {records[0]}")
+    return records
 
 
 def _messages(records: Rows, index: bytes, channel: int) -> tuple[Ints, Rows | list[bytes]]:

@@ -155,7 +155,7 @@ def read_recording(
                         ) from error
             if progress is not None:
                 progress(len(messages), sum(counts.values()))
-        notes = list(chosen.notes)
+        notes = [*source.notes, *chosen.notes]
         streams: dict[str, Stream] = {}
         failures: list[FrictionEstimatorError] = []
         for name in INPUTS:

@@ -3,18 +3,23 @@
 Every failure ends as one InputError that names the file and what to do about it.
 """
 
+import re
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from types import TracebackType
 
 import numpy as np
 from rosbags.rosbag1 import Reader as Reader1
+from rosbags.rosbag1.reader import decompressors as unpackers1
 from rosbags.rosbag2 import Reader as Reader2
+from rosbags.rosbag2.storage_mcap import DECOMPRESSORS as UNPACKERS2
 
-from friction_estimator.bag import mcap, metadata
+from friction_estimator.bag import mcap
+from friction_estimator.bag.budget import unpack
 from friction_estimator.bag.mcap import Batch
+from friction_estimator.bag.prepared import prepared
 from friction_estimator.core.errors import FrictionEstimatorError, InputError
 from friction_estimator.core.text import is_utf8
 
@@ -31,6 +36,13 @@ _REMEDIES = {
     ".db3": "`sqlite3 IN .recover | sqlite3 OUT` saves what is whole",
     ".bag": "`rosbag reindex` saves what is whole",
 }
+
+# rosbags looks the decompressors of chunks up in these tables; its own stop only where memory ends.
+UNPACKERS2.update(
+    zstd=lambda data, size: mcap.unpacked_chunk(data, "zstd", size),
+    lz4=lambda data, size: mcap.unpacked_chunk(data, "lz4", size),
+)
+unpackers1.update(bz2=lambda data: unpack(data, "bz2"), lz4=lambda data: unpack(data, "lz4"))
 
 
 @dataclass(frozen=True)
@@ -65,9 +77,13 @@ class Source:
         self.ros1 = self.path.suffix == ".bag" and not self.path.is_dir()
         with _readable(self.path):
             _check_kind(self.path)
-            self._files = metadata.storage_files(self.path) if self.path.is_dir() else [self.path]
-            self._reader: Reader1 | Reader2 = Reader1(self.path) if self.ros1 else Reader2(self.path)
-            self._reader.open()
+            with ExitStack() as stack:
+                self._prepared = prepared(self.path, stack)
+                path = self._prepared.path
+                self._reader: Reader1 | Reader2 = Reader1(path) if self.ros1 else Reader2(path)
+                self._reader.open()
+                stack.callback(self._reader.close)
+                self._stack = stack.pop_all()
             self.topics = tuple(
                 Topic(name, str(info.msgtype or ""), info.msgcount)
                 for name, info in sorted(self._reader.topics.items())
@@ -79,7 +95,12 @@ class Source:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._reader.close()
+        self._stack.close()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is worth telling about how it is read, a line each."""
+        return self._prepared.notes
 
     @property
     def message_count(self) -> int:
@@ -90,7 +111,8 @@ class Source:
         """Return the first message of a topic; None where it has none. Raises InputError as `batches` does."""
         with _readable(self.path):
             chosen = [item for item in self._reader.connections if item.topic == topic]
-            return next((raw for _, _, raw in self._reader.messages(connections=chosen)), None) if chosen else None
+            raw = next((raw for _, _, raw in self._reader.messages(connections=chosen)), None) if chosen else None
+            return raw if raw is None else self._unpacked(raw)
 
     def messages(self, topics: Collection[str], start_ns: int | None = None) -> Iterator[tuple[str, int, bytes]]:
         """Yield (topic, time of recording in ns, raw message) of some topics in recorded order.
@@ -101,7 +123,7 @@ class Source:
             chosen = [item for item in self._reader.connections if item.topic in topics]
             if chosen:
                 for connection, log_time, raw in self._reader.messages(connections=chosen, start=start_ns):
-                    yield connection.topic, log_time, raw
+                    yield connection.topic, log_time, self._unpacked(raw)
 
     @property
     def span_ns(self) -> tuple[int, int]:
@@ -115,15 +137,20 @@ class Source:
         """
         with _readable(self.path):
             for part in self._indexed(topics) or [self._stepwise(topics)]:
-                yield from part
+                for topic, times, messages in part:
+                    if self._prepared.packed_messages:
+                        yield topic, times, [self._unpacked(bytes(message)) for message in messages]
+                    else:
+                        yield topic, times, messages
+
+    def _unpacked(self, raw: bytes) -> bytes:
+        return unpack(raw, "zstd") if self._prepared.packed_messages else raw
 
     def _indexed(self, topics: Collection[str]) -> list[Iterator[Batch]] | None:
         """Return the fast way through every file of the recording, where all of them have one."""
-        if isinstance(self._reader, Reader1) or self._reader.compression_mode:
+        if any(file.suffix != ".mcap" for file in self._prepared.files):
             return None
-        if any(file.suffix != ".mcap" for file in self._files):
-            return None
-        parts = [mcap.batches(file, topics) for file in self._files]
+        parts = [mcap.batches(file, topics) for file in self._prepared.files]
         ways = [part for part in parts if part is not None]
         return ways if len(ways) == len(parts) else None
 
@@ -179,6 +206,6 @@ def _readable(path: Path) -> Iterator[None]:
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from error
     except Exception as error:  # rosbags and its decompressors raise many kinds, MemoryError for absurd lengths
-        reason = " ".join(str(error).split()).removeprefix(f"Cannot open database {path}: ")
+        reason = re.sub(r"^Cannot open database \S+: ", "", " ".join(str(error).split()))
         remedy = _REMEDIES.get(path.suffix, "check its metadata.yaml, or run `ros2 bag reindex` on it")
         raise InputError(f"{path} is damaged: {reason.rstrip('.') or type(error).__name__}; {remedy}") from error

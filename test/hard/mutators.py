@@ -91,6 +91,8 @@ GENERIC: tuple[Mutator, ...] = (flip, flip, overwrite, truncate, splice, number,
 
 def inside(rng: random.Random, data: bytes, start: int, stop: int) -> bytes:
     """Change data[start:stop] by one of `GENERIC` and keep its length."""
+    if start >= stop:
+        return flip(rng, data)
     part = rng.choice((flip, overwrite, number))(rng, data[start:stop])
     return data[:start] + part[: stop - start].ljust(stop - start, b"\0") + data[stop:]
 
@@ -130,7 +132,7 @@ def _mcap_places(data: bytes, at: int, stop: int) -> list[tuple[int, int, int]]:
 
 def sqlite_page(rng: random.Random, data: bytes, size: int = 4096) -> bytes:
     """Change the head or the cell places of a page, or exchange pages."""
-    pages = [data[k : k + size] for k in range(0, len(data), size)]
+    pages = [data[k : k + size] for k in range(0, len(data), size)] or [b""]
     k = rng.randrange(len(pages))
     if rng.random() < 0.2:
         pages[k] = rng.choice(pages)
