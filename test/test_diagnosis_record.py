@@ -64,6 +64,15 @@ def test_recordings_keep_their_origins_and_blocks():
     np.testing.assert_array_equal(record.recording[first], record.recording[second])
 
 
+def test_nothing_is_fitted_before_the_shaft_first_moves():
+    """Which way it came nobody knows: a seal at rest on bristles carries its whole level, of either sign."""
+    samples = recorded()
+    assert samples.velocity_m_s[0] == 0.0
+    record = build_record([samples], Config())
+    assert not record.used[0]
+    assert record.used[1:].all()
+
+
 def test_blocks_are_increasing_and_complete():
     recording = np.repeat([0, 1, 2], [500, 20, 80])
     number = blocks(recording, 12)

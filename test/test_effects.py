@@ -309,6 +309,20 @@ def test_bristle_stays_within_its_bounds(length: float, velocities: list[float])
     assert set(np.unique(out)) <= {0.0, 1.0}
 
 
+def test_an_element_that_slips_forth_and_back_within_a_sample_remembers_both() -> None:
+    """The net distance of such a sample is next to nothing; the element has been through its whole slip length."""
+    from friction_estimator.effects.kernels import slip_chain
+
+    length, dt, fine = 2e-5, 0.01, 1000
+    v = np.array([0.02, 0.012, 0.004, -0.004, -0.012])
+    dense = np.interp(np.linspace(0.0, 4.0, 4 * fine + 1), np.arange(5.0), v)
+    found, exact = np.empty(v.size), np.empty(dense.size)
+    slip_chain(np.full(v.size, dt), np.concatenate([v[:1], v[:-1]]), v, length, np.zeros(2), found)
+    before = np.concatenate([dense[:1], dense[:-1]])
+    slip_chain(np.full(dense.size, dt / fine), before, dense, length, np.zeros(2), exact)
+    np.testing.assert_allclose(found, exact[::fine], atol=2e-3)
+
+
 def test_features_integrate_position_where_none_is_recorded(samples: Samples) -> None:
     made = FeatureMaker(0.0, 0.0, 20.0)(replace(samples, position_m=None, restart=np.zeros(len(samples), np.bool_)))
     recorded = samples.position_m

@@ -45,11 +45,16 @@ def hysteron(step, previous, velocity, length, state, out):  # type: ignore[no-u
 def slip_chain(step, previous, velocity, length, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Elastic-slip element z = clip(z + dx / (length / 2), -1, 1); out = z - sgn(v). state = [z, direction]."""
     for k in range(velocity.size):
-        moved = 0.5 * (previous[k] + velocity[k]) * step[k]
-        if state[1] == 0.0 and velocity[k] != 0.0:
-            state[0] = 1.0 if velocity[k] > 0.0 else -1.0
-        if velocity[k] != 0.0:
-            state[1] = 1.0 if velocity[k] > 0.0 else -1.0
+        v0, v1, dt = previous[k], velocity[k], step[k]
+        if state[1] == 0.0 and v1 != 0.0:
+            state[0] = 1.0 if v1 > 0.0 else -1.0
+        if v1 != 0.0:
+            state[1] = 1.0 if v1 > 0.0 else -1.0
+        moved = 0.5 * (v0 + v1) * dt
+        if v0 * v1 < 0.0:  # forth and back within one sample period
+            part = v0 / (v0 - v1)
+            state[0] = min(1.0, max(-1.0, state[0] + v0 * dt * part / length))
+            moved = 0.5 * v1 * dt * (1.0 - part)
         state[0] = min(1.0, max(-1.0, state[0] + 2.0 * moved / length))
         out[k] = state[0] - state[1]
 

@@ -31,7 +31,7 @@ LEAST_SHARE = 0.002
 """Of the power that is left: smaller bursts are not worth a name."""
 
 
-SPREAD = (0.125, 0.25, 0.5, 1.0, 2.0)
+SPREAD = (0.0625, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0)
 """Lengths of several bristles over that of the one which fits best."""
 
 
@@ -191,8 +191,8 @@ class Presliding(Effect):
 
     @classmethod
     def variants(cls, params: Params) -> list[dict[str, float]]:
-        """Bristles of several lengths: generalised Maxwell slip."""
-        return [dict(params) | {"spread": 1.0}]
+        """Bristles of several lengths: generalised Maxwell slip. One exponential is nearest to the short ones."""
+        return [dict(params) | {"spread": 1.0, "length": factor * params["length"]} for factor in (1.0, 8.0)]
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
