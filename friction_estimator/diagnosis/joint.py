@@ -18,6 +18,7 @@ from friction_estimator.diagnosis.tangent import Tangent, chosen_rows, normal_eq
 from friction_estimator.effects.base import Effect
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.reference import Reference
+from friction_estimator.effects.trace import STAGES
 
 ROUNDS = 8
 SETTLED = 1e-3
@@ -109,6 +110,7 @@ class JointFit:
         self._record = problem.record
         self._used = self._record.used if rows is None else self._record.used & rows[self._record.block]
         self._known: tuple[str, dict[str, float], BaseProblem] | None = None
+        self._moved: tuple[float, Features] | None = None
         self._scans: JointFit | None = None
         self._chosen: Bools | None = None
 
@@ -159,9 +161,24 @@ class JointFit:
         return reference, with_running_force(record.features, reference)
 
     def _columns(self, terms: Sequence[Term], reference: Reference, features: Features) -> list[Floats]:
-        """Return the columns of each term, (n, c); none where the base itself is changed."""
-        none = np.zeros((features.size, 0))
-        return [none if t.effect.delays else columns_of(t.effect, t.params, features, reference) for t in terms]
+        """Return the columns of each term, (n, c), at the time of the whole force; none where the base is changed."""
+        return [self._column(terms, i, reference, features) for i in range(len(terms))]
+
+    def _column(self, terms: Sequence[Term], i: int, reference: Reference, features: Features) -> Floats:
+        """Return the columns of one term, (n, c), at the time of the whole force where it acts before that."""
+        term, time = terms[i], next((t for t in terms if t.effect.delays), None)
+        if term.effect.delays:
+            return np.zeros((features.size, 0))
+        if time is None or not before(term.effect, time.effect):
+            return columns_of(term.effect, term.params, features, reference)
+        late = time.effect.late_s(time.params)
+        if late != 0.0:
+            # The motion is moved, not its columns: a reversal between two samples is then as sharp as before.
+            if self._moved is None or self._moved[0] != late:
+                self._moved = late, self._record.features_at(self._problem.config, late)
+            features = with_running_force(self._moved[1], reference)
+        made = columns_of(term.effect, term.params, features, reference)
+        return time.effect.smoothed(time.params, made, features)
 
     def _fitted(self, terms: Sequence[Term], columns: Sequence[Floats], start: Coefficients) -> Coefficients:
         """Fit base and coefficients for given columns."""
@@ -198,14 +215,11 @@ class JointFit:
         """Return the parameters of a time of the whole force at which everything else fits best."""
         effect, params = terms[-1].effect, dict(terms[-1].params)
         name = effect.refined[0]
-        others = self._columns(terms[:-1], reference, features)
-        none = np.zeros((features.size, 0))
-
         scan = self._scanner()
 
         def fitted(value: float) -> Coefficients:
             trial = [*terms[:-1], replace(terms[-1], params=params | {name: value})]
-            return scan._fitted(trial, [*others, none], base)
+            return scan._fitted(trial, self._columns(trial, reference, features), base)
 
         step = self._context.step_s
         tried = {share * step: fitted(share * step) for share in SCANNED}
@@ -259,7 +273,8 @@ class JointFit:
         effect, params = terms[-1].effect, dict(terms[-1].params)
 
         def loss(name: str, value: float) -> float:
-            x = columns_of(effect, params | {name: value}, features, reference)[used]
+            trial = [*terms[:-1], replace(terms[-1], params=params | {name: value})]
+            x = self._column(trial, len(trial) - 1, reference, features)[used]
             zx, xx = inner(z, x), inner(x, x)
             left = xx - zx.T @ inverse @ zx
             pull = inner(x, e) - zx.T @ inverse @ ze
@@ -342,9 +357,15 @@ class JointFit:
             # The force alone: no products of any block are needed for it.
             no_block = np.zeros(self._problem.products.edges.size - 1, np.bool_)
             other, found = self._problem.with_whole(term.effect, params, no_block), fit.coefficients
-            moved = other.products.combine(other.spread(found.weights, found.taps, found.own))
-            return (moved - fit.fitted_N) / step
-        moved = columns_of(term.effect, params, features, reference)
+            moved = other.products.combine(other.spread(found.weights, found.taps, found.own)) - fit.fitted_N
+            trial = [*terms[:i], replace(term, params=params), *terms[i + 1 :]]
+            for j, one in enumerate(terms):
+                if j != i and before(one.effect, term.effect):
+                    later, now = (self._column(some, j, reference, features) for some in (trial, terms))
+                    moved = moved + (later - now) @ one.weights
+            return np.asarray(moved / step)
+        trial = [*terms[:i], replace(term, params=params), *terms[i + 1 :]]
+        moved = self._column(trial, i, reference, features)
         return np.asarray((moved - column) @ term.weights / step)
 
     def _finished(self, base: Coefficients, terms: Sequence[Term], reference: Reference, features: Features) -> Joint:
@@ -383,6 +404,11 @@ class JointFit:
         return Joint(
             fit, tuple(terms), reference, features, tuple(parts), residual, tangent, penalty, np.concatenate(scales)
         )
+
+
+def before(one: type[Effect], other: type[Effect]) -> bool:
+    """Return whether an effect acts at an earlier stage than another one."""
+    return STAGES.index(one.stage) < STAGES.index(other.stage)
 
 
 def weighted(terms: Sequence[Term], columns: Sequence[Floats], weights: Floats) -> list[Term]:

@@ -16,6 +16,7 @@ from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import MARGIN, robust_top
 from friction_estimator.effects.extension import sign_velocity
 from friction_estimator.effects.features import Context, FeatureMaker, Features
+from friction_estimator.effects.whole import shifted
 
 FEWEST_SAMPLES = 400
 FEWEST_BLOCKS = 12
@@ -79,6 +80,17 @@ class Record:
         samples = replace(self.samples, **channels)  # type: ignore[arg-type]
         new = described(samples, self.recording, config)
         return replace(new, block=self.block).with_force(self.friction_N, new.used & (self.used | self.standstill))
+
+    def features_at(self, config: Config, late_s: float) -> Features:
+        """Return the features of the motion and pressure of `late_s` earlier (later where it is negative)."""
+        f, samples = self.features, self.samples
+        moved = {"velocity_m_s": shifted(f.velocity_m_s, f, late_s)}
+        for name in ("pressure_Pa", "position_m"):
+            values = getattr(samples, name)
+            if values is not None:
+                moved[name] = shifted(values, f, late_s)
+        made = feature_maker(config, self.reversal_speed_m_s)(replace(samples, **moved))  # type: ignore[arg-type]
+        return replace(made, recording=f.recording)
 
     def is_harmonic(self, frequency_hz: float) -> bool:
         """Return whether a line may be the trajectory's own (`core.intake.periods`)."""

@@ -10,8 +10,8 @@ from friction_estimator.diagnosis.evidence import Rule, null_maximum
 from friction_estimator.diagnosis.floor import remainder_columns, variance_dependence
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.record import Record
-from friction_estimator.diagnosis.screening import FLIPS
-from friction_estimator.diagnosis.search import LEVEL, Search
+from friction_estimator.diagnosis.screening import FLIPS, LEVEL
+from friction_estimator.diagnosis.search import Search
 from friction_estimator.effects.base import EFFECTS
 from friction_estimator.effects.detection import Fault
 from friction_estimator.effects.scatter import local_scale

@@ -11,9 +11,14 @@ from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.library import Family, Hypothesis, Library, columns_of
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.tangent import normal_equations, pieces
+from friction_estimator.effects.base import Effect
 
 FLIPS = 400
 """Sign flips of the bootstrap."""
+
+LEVEL = 0.01
+MARGIN = 1.5
+"""Family-wise level, and times the bootstrap's quantile that the best held-out gain must exceed."""
 
 RIDGE = 1e-6
 """Share of their energy by which the gate's columns of unit rms are damped: they may be collinear."""
@@ -31,6 +36,46 @@ class Screened:
     gain: float
     hypothesis: Hypothesis
     fit: Fit
+
+
+@dataclass(frozen=True)
+class View:
+    """What screening the library says about what a model leaves.
+
+    Attributes
+    ----------
+    evidence, library : what was compared. screened : the best hypothesis of each effect, best first.
+    nulls : the bootstrap's largest gains of ordinary and of wide hypotheses, (flips,) each, N^2.
+    least : gain that any cause must bring, N^2.
+    """
+
+    evidence: Evidence
+    library: Library
+    screened: tuple[Screened, ...]
+    nulls: tuple[Floats, Floats]
+    least: float
+
+    @property
+    def thresholds(self) -> tuple[float, float]:
+        """Gain that an ordinary and a wide hypothesis must exceed, N^2; each takes half of the level."""
+        one, other = (float(np.quantile(null, 1.0 - LEVEL / 2.0)) * MARGIN for null in self.nulls)
+        return one, other
+
+    @property
+    def needed(self) -> dict[str, float]:
+        """Gain that each effect must exceed, N^2."""
+        thresholds = self.thresholds
+        return {s.name: max(thresholds[s.hypothesis.effect.many], self.least) for s in self.screened}
+
+    def p_value(self, effect: type[Effect], gain: float) -> float:
+        """Return the family-wise probability of such a gain by chance."""
+        return min(1.0, 2.0 * float(1 + np.sum(self.nulls[effect.many] >= gain)) / (FLIPS + 1))
+
+
+def screening(record: Record, model: Joint, evidence: Evidence, library: Library, least: float, seed: int) -> View:
+    """Screen the library against what a model leaves, and find the gate."""
+    screened = screen(evidence, library)
+    return View(evidence, library, tuple(screened), gate(record, model, library, screened, seed), least)
 
 
 def screen(evidence: Evidence, library: Library) -> list[Screened]:

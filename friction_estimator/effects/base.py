@@ -219,6 +219,16 @@ class Effect:
         """Return what one time of the whole force makes of the columns of a static curve, (n, m); where it `delays`."""
         raise NotImplementedError
 
+    @classmethod
+    def late_s(cls, params: Params) -> float:  # noqa: ARG003
+        """Return the time by which what acts before it is seen late, s; where it `delays`."""
+        return 0.0
+
+    @classmethod
+    def smoothed(cls, params: Params, columns: Floats, features: Features) -> Floats:  # noqa: ARG003
+        """Return what it makes of an earlier stage's columns, (n, c), beside that lateness; where it `delays`."""
+        return columns
+
     # Fault of the data
 
     @classmethod

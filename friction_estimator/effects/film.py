@@ -46,7 +46,7 @@ class SqueezeFilm(Effect):
     def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:  # noqa: ARG002
         """Add the term."""
         ratio = np.square(trace.velocity_m_s / self["speed"])
-        share = np.exp(-np.log(2.0) * ratio) if self["form"] >= 0.5 else 1.0 / (1.0 + ratio)
+        share = _gaussian(ratio) if self["form"] >= 0.5 else _rational(ratio)
         return trace.with_friction(trace.friction_N - self["amplitude"] * trace.acceleration_m_s2 * share)
 
     @classmethod
@@ -56,13 +56,25 @@ class SqueezeFilm(Effect):
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
-        """Return -a / (1 + (v / v_f)^2)."""
-        return Columns(lambda f, _r, _s: -f.acceleration_m_s2 / (1.0 + np.square(f.velocity_m_s / params["speed"])))
+        """Return -a / (1 + (v / v_f)^2), and where both shapes are asked for that with a Gaussian of the speed."""
+        both = params.get("both", 0.0) >= 0.5
+
+        def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
+            ratio = np.square(f.velocity_m_s / params["speed"])
+            shares = [_rational(ratio), _gaussian(ratio)] if both else [_rational(ratio)]
+            return -f.acceleration_m_s2[:, None] * np.column_stack(shares)
+
+        return Columns(compute, 2 if both else 1)
+
+    @classmethod
+    def variants(cls, params: Params) -> list[dict[str, float]]:
+        """A film that is gone sooner at high speed: what its tail gets wrong would look like inertia."""
+        return [dict(params) | {"both": 1.0}]
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
         """Amplitude and speed."""
-        return {"amplitude": (float(weights[0]), "kg"), "speed": (params["speed"], "m/s")}
+        return {"amplitude": (float(np.sum(weights)), "kg"), "speed": (params["speed"], "m/s")}
 
     @classmethod
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
@@ -73,6 +85,14 @@ class SqueezeFilm(Effect):
 
     signs = (1,)
     refined = ("speed",)
+
+
+def _rational(ratio: Floats) -> Floats:
+    return np.asarray(1.0 / (1.0 + ratio))
+
+
+def _gaussian(ratio: Floats) -> Floats:
+    return np.asarray(np.exp(-np.log(2.0) * ratio))
 
 
 @effect

@@ -15,7 +15,7 @@ from friction_estimator.effects.grids import beyond_time, times
 from friction_estimator.effects.kernels import RING, force_delay, force_lag
 from friction_estimator.effects.reference import FORCE, Reference
 from friction_estimator.effects.trace import Trace
-from friction_estimator.effects.whole import StaticTables
+from friction_estimator.effects.whole import StaticTables, first_order
 
 
 @effect
@@ -86,6 +86,11 @@ class TimeDelay(Effect):
     def whole(cls, params: Params, tables: StaticTables, features: Features) -> Floats:
         """Return the columns at t - D."""
         return tables.delayed(features, params["delay"])
+
+    @classmethod
+    def late_s(cls, params: Params) -> float:
+        """Everything before it is late by D."""
+        return params["delay"]
 
     signs = (1,)
     fixed_gain = True
@@ -167,6 +172,11 @@ class SensorLowpass(Effect):
     def whole(cls, params: Params, tables: StaticTables, features: Features) -> Floats:
         """Return the lagged columns."""
         return tables.lagged(features, params["time_constant"])
+
+    @classmethod
+    def smoothed(cls, params: Params, columns: Floats, features: Features) -> Floats:
+        """Return the lagged columns."""
+        return first_order(columns, features, params["time_constant"])
 
     signs = (1,)
     fixed_gain = True
@@ -256,6 +266,11 @@ class VelocityDelay(Effect):
     def whole(cls, params: Params, tables: StaticTables, features: Features) -> Floats:
         """Return the columns at the velocity of t + D: the other channels are not late."""
         return tables.advanced(features, params["delay"])
+
+    @classmethod
+    def late_s(cls, params: Params) -> float:
+        """Everything before it is ahead of its velocity by D."""
+        return -params["delay"]
 
     signs = (1,)
     fixed_gain = True

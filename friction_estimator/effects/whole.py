@@ -49,16 +49,12 @@ class StaticTables:
 
         Within each gap-free piece; before its first sample and after its last that sample's values hold.
         """
-        velocity, pressure = np.empty(features.size), np.empty(features.size)
-        _shifted(features.step_s, features.velocity_m_s, delay_s, velocity)
-        _shifted(features.step_s, features.pressure_Pa, delay_s, pressure)
-        return self._at(velocity, pressure)
+        moved = (shifted(values, features, delay_s) for values in (features.velocity_m_s, features.pressure_Pa))
+        return self._at(*moved)
 
     def advanced(self, features: Features, delay_s: float) -> Floats:
         """Return the columns at the velocity of `delay_s` later, and the pressure of now, (n, m)."""
-        velocity = np.empty(features.size)
-        _shifted(features.step_s, features.velocity_m_s, -delay_s, velocity)
-        return self._at(velocity, features.pressure_Pa)
+        return self._at(shifted(features.velocity_m_s, features, -delay_s), features.pressure_Pa)
 
     def _at(self, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
         out = np.empty((velocity_m_s.size, self.values.shape[2]))
@@ -72,6 +68,35 @@ class StaticTables:
         f = features
         _lagged(f.step_s, f.previous_m_s, f.velocity_m_s, f.pressure_Pa, time_constant_s, *args, out)
         return out
+
+
+def shifted(values: Floats, features: Features, late_s: float) -> Floats:
+    """Return values (n,) of `late_s` earlier (later where it is negative), linear between samples.
+
+    Within each gap-free piece, beyond whose ends its last values hold.
+    """
+    out = np.empty(features.size)
+    _shifted(features.step_s, values, late_s, out)
+    return out
+
+
+def first_order(columns: Floats, features: Features, time_constant_s: float) -> Floats:
+    """Return the first-order lag of columns (n, c), linear between samples; each piece starts in equilibrium."""
+    out = np.empty(columns.shape)
+    _first_order(features.step_s, np.ascontiguousarray(columns), time_constant_s, out)
+    return out
+
+
+@njit(cache=True)
+def _first_order(step, values, tau, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    for k in range(values.shape[0]):
+        if k == 0 or step[k] <= 0.0:
+            out[k] = values[k]
+            continue
+        decay = np.exp(-step[k] / tau)
+        for c in range(values.shape[1]):
+            lag = (values[k, c] - values[k - 1, c]) / step[k] * tau
+            out[k, c] = values[k, c] - lag + (out[k - 1, c] - values[k - 1, c] + lag) * decay
 
 
 @njit(cache=True)

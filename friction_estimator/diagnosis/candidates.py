@@ -1,0 +1,193 @@
+"""Candidates for a cause: effects fitted beside a model and judged by held-out loss. Each fit is made once."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+from friction_estimator.core.sample import Floats
+from friction_estimator.diagnosis.base_problem import BaseProblem
+from friction_estimator.diagnosis.intervals import estimates
+from friction_estimator.diagnosis.joint import Joint, JointFit, Term, cross_validated_loss
+from friction_estimator.effects.base import REVERSAL, Effect
+from friction_estimator.effects.features import Context
+
+MEMORY_EVIDENCE = 20.0
+"""Prior energy of the base's memory that a delay of the whole force must save to be named by evidence alone: a
+probability ratio of exp(10)."""
+
+PLAIN = 10.0
+"""Times the noise power: surplus of gain that one more parameter must bring."""
+
+SET_ERRORS = 2.0
+SET_SHARE = 0.03
+"""Standard errors of the paired loss, and share of the gain, within which two effects explain the record as well."""
+
+EARLY = 2.5
+"""Sample periods after a reversal without which an effect that acts everywhere must still gain."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """A fitted model and its held-out loss on each block, (blocks,), N^2."""
+
+    joint: Joint
+    loss: Floats
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect fitted jointly with the model that it is added to.
+
+    Attributes
+    ----------
+    name, effect : which. model : with the effect as its last term.
+    held_N2 : held-out decrease of the error power, summed. saved_N2 : what the prior of the base's memory saves.
+    """
+
+    name: str
+    effect: type[Effect]
+    model: Model
+    held_N2: float
+    saved_N2: float
+
+    @property
+    def gain(self) -> float:
+        """Both together, N^2."""
+        return self.held_N2 + self.saved_N2
+
+    @property
+    def term(self) -> Term:
+        """The effect as it was fitted."""
+        return self.model.joint.terms[-1]
+
+    @property
+    def freedom(self) -> int:
+        """Parameters of the effect."""
+        return (0 if self.effect.fixed_gain else self.term.weights.size) + len(self.effect.refined)
+
+    @property
+    def by_evidence(self) -> bool:
+        """Whether what the memory saves alone would name it."""
+        return self.effect.delays and self.saved_N2 > MEMORY_EVIDENCE * self.model.joint.base.coefficients.variance
+
+    @property
+    def samples_N2(self) -> float:
+        """Error power that is left, per sample."""
+        return float(self.model.loss.sum()) / self.model.joint.base.coefficients.count
+
+
+class Candidates:
+    """Fits effects beside models of one base problem, and remembers what it has fitted."""
+
+    def __init__(
+        self, problem: BaseProblem, context: Context, catalogue: Mapping[str, type[Effect]], seed: int
+    ) -> None:
+        self.problem, self.context, self.catalogue, self.seed = problem, context, catalogue, seed
+        self._fit = JointFit(problem, context)
+        self._known: dict[tuple[int, str, tuple[tuple[str, float], ...]], Candidate | None] = {}
+        self._kept: list[Model] = []
+
+    def base(self) -> Model:
+        """Return the base model alone."""
+        return self._judged(self._fit())
+
+    def __call__(self, model: Model, name: str, params: Mapping[str, float]) -> Candidate | None:
+        """Return the effect beside the model, or None where its signs or its values cannot be."""
+        key = id(model), name, tuple(sorted(params.items()))
+        if key not in self._known:
+            self.keep(model)
+            self._known[key] = self._fitted(model, name, params)
+        return self._known[key]
+
+    def keep(self, model: Model) -> None:
+        """Keep a model alive, so that no other one gets its id."""
+        self._kept.append(model)
+
+    def shaped(self, model: Model, best: Candidate) -> Candidate:
+        """Return the candidate in that functional form of its cause which the data ask for."""
+        for params in best.effect.variants(best.term.params):
+            other = self(model, best.name, params)
+            if other is None:
+                continue
+            more = max(other.freedom - best.freedom, 1)
+            if other.gain - best.gain > PLAIN * more * best.samples_N2:
+                best = other
+        return best
+
+    def _fitted(self, model: Model, name: str, params: Mapping[str, float]) -> Candidate | None:
+        here = model.joint.base.coefficients
+        joint = self._fit([*model.joint.terms, Term(self.catalogue[name], dict(params))], here)
+        term = joint.terms[-1]
+        if not signs_kept(joint) or term.effect.spans(term.params, term.weights, self.context) is not None:
+            return None
+        after, now = self._judged(joint), joint.base.coefficients
+        saved = now.variance * (here.memory_energy - now.memory_energy)
+        one = Candidate(name, term.effect, after, float((model.loss - after.loss).sum()), saved)
+        return one if np.isfinite(one.gain) else None
+
+    def _judged(self, joint: Joint) -> Model:
+        return Model(joint, cross_validated_loss(joint, self.problem.record, self.seed))
+
+    def stands(self, model: Model, one: Candidate) -> bool:
+        """Return whether an effect gains in most of the record, and beyond the samples right after reversals.
+
+        A sharp model error there depends on the phase of the sampling; a name that lives on it alone names that.
+        """
+        record = self.problem.record
+        decrease = (np.square(model.joint.residual_N) - np.square(one.model.joint.residual_N)) * record.used
+        if one.effect.acts != REVERSAL:
+            early = record.features.since_reversal_s < EARLY * self.context.step_s
+            decrease = np.where(early, 0.0, decrease)
+        gains = np.bincount(record.block, weights=decrease)
+        error = float(np.std(gains, ddof=1)) * np.sqrt(gains.size)
+        return bool(gains.sum() > student.ppf(0.975, gains.size - 1) * error)
+
+    def known_sign(self, one: Candidate) -> bool:
+        """Return whether what physics gives one sign, and every length and time, differs from zero by its interval.
+
+        Of the other quantities one at least must: a drift whose total may be nothing is another name for a bias.
+        """
+        term, record = one.term, self.problem.record
+        fitted = estimates(one.model.joint, record, self.context, self.seed, systematic=False)[-1]
+        one_sign = {name for name in fitted if name in term.effect.refined and name not in term.effect.steps}
+        if len(term.effect.signs) == term.weights.size and all(term.effect.signs):
+            one_sign |= set(fitted)
+        known = {name for name, value in fitted.items() if value.low > 0.0 or value.high < 0.0}
+        sizes = set(fitted) - set(term.effect.refined)
+        return one_sign <= known and (not sizes or bool(sizes & known))
+
+
+def signs_kept(joint: Joint) -> bool:
+    """Return whether the coefficients have the signs that physics gives them."""
+    return all(
+        sign * weight >= 0.0
+        for term in joint.terms
+        if len(term.effect.signs) == term.weights.size
+        for sign, weight in zip(term.effect.signs, term.weights, strict=True)
+    )
+
+
+def plainest(best: Candidate, others: Sequence[Candidate]) -> Candidate:
+    """Return one with fewer parameters where the best one's surplus is what its further ones bring by chance."""
+    noise_N2 = best.samples_N2
+    close = [c for c in others if best.gain - c.gain < PLAIN * noise_N2 * max(best.freedom - c.freedom, 0)]
+    return min([best, *close], key=lambda c: (c.freedom, -c.gain))
+
+
+def equals(best: Candidate, others: Sequence[Candidate]) -> list[Candidate]:
+    """Return the candidates that explain the record as well as the best one does, best first."""
+    out = []
+    for other in sorted(others, key=lambda c: -c.gain):
+        if other.name == best.name:
+            continue
+        behind = other.model.loss - best.model.loss
+        error = float(np.std(behind, ddof=1)) * np.sqrt(behind.size)
+        apart = best.gain - other.gain
+        energy = [c.model.joint.base.coefficients.memory_energy for c in (other, best)]
+        if energy[0] - energy[1] > MEMORY_EVIDENCE:  # the base's memory would have to do what the winner does alone
+            continue
+        if apart < SET_ERRORS * error or apart < SET_SHARE * best.gain:
+            out.append(other)
+    return out
