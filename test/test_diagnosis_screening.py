@@ -69,7 +69,9 @@ def test_pieces_of_a_tangent_are_the_tangent(fitted: Fitted) -> None:
     z = whole[record.used]
     np.testing.assert_allclose(chosen_rows(model.tangent, (), record.used), z)
     np.testing.assert_allclose(np.sqrt(np.mean(np.square(z), axis=0)), 1.0, rtol=1e-6)
-    norm, gram, right = normal_equations(model.tangent, [np.ones((z.shape[0] + 40, 1))], record.friction_N, record.used)
+    norm, gram, right = normal_equations(
+        model.tangent, [np.ones((record.used.size, 1))], record.friction_N, record.used
+    )
     full = np.column_stack([z, np.ones(len(z))])
     np.testing.assert_allclose(gram * np.outer(norm, norm), full.T @ full, atol=1e-6)
     np.testing.assert_allclose(right * norm, full.T @ record.friction_N[record.used], atol=1e-6)

@@ -87,6 +87,7 @@ class Candidates:
         self.problem, self.context, self.catalogue, self.seed = problem, context, catalogue, seed
         self._fit = JointFit(problem, context)
         self._known: dict[tuple[int, str, tuple[tuple[str, float], ...]], Candidate | None] = {}
+        self._shaped: dict[tuple[int, str], Candidate] = {}
         self._kept: list[Model] = []
 
     def base(self) -> Model:
@@ -107,14 +108,17 @@ class Candidates:
 
     def shaped(self, model: Model, best: Candidate) -> Candidate:
         """Return the candidate in that functional form of its cause which the data ask for."""
-        for params in best.effect.variants(best.term.params):
-            other = self(model, best.name, params)
-            if other is None:
-                continue
-            more = max(other.freedom - best.freedom, 1)
-            if other.gain - best.gain > PLAIN * more * best.samples_N2:
-                best = other
-        return best
+        key = id(model), best.name
+        if key not in self._shaped:
+            for params in best.effect.variants(best.term.params):
+                other = self(model, best.name, params)
+                if other is None:
+                    continue
+                more = max(other.freedom - best.freedom, 1)
+                if other.gain - best.gain > PLAIN * more * best.samples_N2:
+                    best = other
+            self._shaped[key] = best
+        return self._shaped[key]
 
     def _fitted(self, model: Model, name: str, params: Mapping[str, float]) -> Candidate | None:
         here = model.joint.base.coefficients

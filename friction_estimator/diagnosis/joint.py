@@ -1,10 +1,9 @@
 """Base model and named effects fitted together: nonlinear parameters refined, tangent, held-out loss."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from friction_estimator.core.sample import Bools, Floats
 from friction_estimator.diagnosis.base import BaseFit, reference_of
@@ -14,6 +13,7 @@ from friction_estimator.diagnosis.lagged import Extra
 from friction_estimator.diagnosis.library import columns_of, with_running_force
 from friction_estimator.diagnosis.products import inner
 from friction_estimator.diagnosis.record import Record
+from friction_estimator.diagnosis.seek import best_time, over_bends, over_jumps
 from friction_estimator.diagnosis.tangent import Tangent, chosen_rows, normal_equations
 from friction_estimator.effects.base import Effect
 from friction_estimator.effects.features import Context, Features
@@ -27,26 +27,11 @@ SETTLED = 1e-3
 DAMPINGS = (1.0, 0.5, 0.25, 0.1)
 """Shares of a Gauss-Newton step of the refined parameters that are tried, the first that descends is taken."""
 
-REFINE_EVALUATIONS = 14
-ZOOM_POINTS, ZOOM_LEVELS = 13, 3
 DERIVATIVE_STEP = 1e-3
 """Step of a refined parameter in numerical derivatives, as a share of the bracket in which it is sought."""
 
 JUMP_STEP = 4e-3
 """The same for a parameter in which the columns jump: at least a sample must move."""
-
-SCAN_EVALUATIONS = 8
-SCANNED = (0.1, 0.3, 0.6, 1.0, 2.0, 4.0)
-"""Times of the whole force that are tried first, in samples."""
-
-MEMORY_MOVES = 6
-"""Most times that the base's memory is moved over into a time of the whole force."""
-
-NEIGHBOURS = (-1.0, -0.75, -0.5, -0.25, 0.25, 0.5, 0.75)
-"""Samples beside the end of that walk that are tried too."""
-
-LEFT_OVER = 0.8
-"""Mean delay of the memory left, in samples, from which a sample more is tried."""
 
 HELD = 1e12
 """Penalty of a tangent coefficient that must stay zero."""
@@ -221,35 +206,8 @@ class JointFit:
             trial = [*terms[:-1], replace(terms[-1], params=params | {name: value})]
             return scan._fitted(trial, self._columns(trial, reference, features), base)
 
-        step = self._context.step_s
-        tried = {share * step: fitted(share * step) for share in SCANNED}
-        # What the base's memory has taken up belongs to the whole force's time: moved over until none is left.
-        value, left = 0.0, base
-        for _ in range(MEMORY_MOVES):
-            more = self._problem.mean_delay(left) * step
-            if more <= 0.05 * max(value, step):
-                break
-            value += more
-            tried[value] = left = fitted(value)
-        # Beside whole samples more an FIR does as well: neighbours of the end of that walk.
-        near = [value + share * step for share in NEIGHBOURS] if value > step else []
-        tried |= {value: fitted(value) for value in near if value > 0.0}
-        points = sorted(tried)
-        best = min(points, key=lambda value: tried[value].cost)
-        place = points.index(best)
-        low, high = points[max(place - 1, 0)], points[min(place + 1, len(points) - 1)]
-        best = _bounded(lambda value: fitted(value).cost, low, high, best, tried[best].cost)
-        here = fitted(best)
-        while self._problem.mean_delay(here) > LEFT_OVER:
-            # One sample more and one sample less of memory fit nearly as well: a comb of minima, one sample apart.
-            other = _bounded(
-                lambda value: fitted(value).cost, best + 0.75 * step, best + 1.25 * step, best + step, np.inf
-            )
-            there = fitted(other)
-            if there.cost >= here.cost:
-                break
-            best, here = other, there
-        return params | {name: best}
+        value = best_time(fitted, base, self._problem.mean_delay, self._context.step_s)
+        return params | {name: value}
 
     def _searched(
         self, terms: Sequence[Term], base: Coefficients, reference: Reference, features: Features
@@ -285,16 +243,8 @@ class JointFit:
 
         for name in effect.refined:
             low, high = effect.bracket(name, params[name], self._context)
-            if name in effect.steps:
-                params[name] = _zoom(lambda v, n=name: loss(n, v), low, high)  # type: ignore[misc]
-            else:
-                found = minimize_scalar(
-                    lambda u, n=name: loss(n, float(np.exp(u))),
-                    bounds=(np.log(low), np.log(high)),
-                    method="bounded",
-                    options={"maxiter": REFINE_EVALUATIONS, "xatol": 1e-4 * (np.log(high) - np.log(low))},
-                )
-                params[name] = float(np.exp(found.x))
+            seek = over_jumps if name in effect.steps else over_bends
+            params[name] = seek(lambda v, n=name: loss(n, v), low, high)  # type: ignore[misc]
         return params
 
     def _stepped(
@@ -433,32 +383,6 @@ def _largest_change(
         size = float(np.linalg.norm(new.weights)) or 1.0
         steps.append(float(np.linalg.norm(new.weights - old.weights)) / size)
     return max(steps, default=0.0)
-
-
-def _bounded(cost: Callable[[float], float], low: float, high: float, best: float, lowest: float) -> float:
-    """Return the place of least cost between two positive bounds, or `best` where that is lower."""
-    found = minimize_scalar(
-        lambda u: cost(float(np.exp(u))),
-        bounds=(np.log(low), np.log(high)),
-        method="bounded",
-        options={"maxiter": SCAN_EVALUATIONS, "xatol": 1e-3},
-    )
-    return float(np.exp(found.x)) if found.fun < lowest else best
-
-
-def _zoom(loss: Callable[[float], float], low: float, high: float) -> float:
-    """Return the middle of the best plateau on a grid that zooms in on the best of the one before."""
-    best = 0.5 * (low + high)
-    for _ in range(ZOOM_LEVELS):
-        points = np.linspace(low, high, ZOOM_POINTS)
-        losses = np.array([loss(float(p)) for p in points])
-        flat = np.flatnonzero(losses <= losses.min() + 1e-9 * abs(losses.min()))
-        first = flat[0]
-        last = first + int(np.argmax(np.append(np.diff(flat), 2) > 1))
-        best = float(0.5 * (points[first] + points[last]))
-        reach = (high - low) / (ZOOM_POINTS - 1)
-        low, high = max(low, points[first] - reach), min(high, points[last] + reach)
-    return best
 
 
 def cross_validated_loss(joint: Joint, record: Record, seed: int) -> Floats:

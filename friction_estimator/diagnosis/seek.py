@@ -1,0 +1,107 @@
+"""Where a parameter is best: over a bracket, over jumps, and over the comb of minima of a time of the whole force."""
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from friction_estimator.diagnosis.base_problem import Coefficients
+
+EVALUATIONS, TOLERANCE = 14, 1e-4
+"""Most evaluations over a bracket, and the share of its logarithm at which they end."""
+
+ZOOM_POINTS, ZOOM_LEVELS = 13, 3
+
+SCAN_EVALUATIONS, SCAN_TOLERANCE = 8, 1e-3
+"""The same between two times of a scan, where the tolerance is absolute."""
+
+SCANNED = (0.1, 0.3, 0.6, 1.0, 2.0, 4.0)
+"""Times of the whole force that are tried first, in samples."""
+
+MEMORY_MOVES = 6
+"""Most times that the base's memory is moved over into a time of the whole force."""
+
+NEIGHBOURS = (-1.0, -0.75, -0.5, -0.25, 0.25, 0.5, 0.75)
+"""Samples beside the end of that walk that are tried too."""
+
+LEFT_OVER = 0.8
+"""Mean delay of the memory left, in samples, from which a sample more is tried."""
+
+Cost = Callable[[float], float]
+
+
+def over_bends(cost: Cost, low: float, high: float) -> float:
+    """Return the place of least cost between two positive bounds."""
+    return _bounded(cost, low, high, EVALUATIONS, TOLERANCE * float(np.log(high / low)))[0]
+
+
+def over_jumps(cost: Cost, low: float, high: float) -> float:
+    """Return the middle of the best plateau on a grid that zooms in on the best of the one before."""
+    best = 0.5 * (low + high)
+    for _ in range(ZOOM_LEVELS):
+        points = np.linspace(low, high, ZOOM_POINTS)
+        costs = np.array([cost(float(p)) for p in points])
+        flat = np.flatnonzero(costs <= costs.min() + 1e-9 * abs(costs.min()))
+        first = flat[0]
+        last = first + int(np.argmax(np.append(np.diff(flat), 2) > 1))
+        best = float(0.5 * (points[first] + points[last]))
+        reach = (high - low) / (ZOOM_POINTS - 1)
+        low, high = max(low, points[first] - reach), min(high, points[last] + reach)
+    return best
+
+
+def best_time(
+    fitted: Callable[[float], Coefficients],
+    start: Coefficients,
+    mean_delay: Callable[[Coefficients], float],
+    step_s: float,
+) -> float:
+    """Return the time of the whole force at which everything else fits best, s.
+
+    Parameters
+    ----------
+    fitted : the fit at a time. start : the fit without it. mean_delay : of the base's memory in a fit, samples.
+    step_s : sample period.
+    """
+    tried = {share * step_s: fitted(share * step_s) for share in SCANNED}
+    # What the base's memory has taken up belongs to the whole force's time: moved over until none is left.
+    value, left = 0.0, start
+    for _ in range(MEMORY_MOVES):
+        more = mean_delay(left) * step_s
+        if more <= 0.05 * max(value, step_s):
+            break
+        value += more
+        tried[value] = left = fitted(value)
+    # Beside whole samples more an FIR does as well: neighbours of the end of that walk.
+    near = [value + share * step_s for share in NEIGHBOURS] if value > step_s else []
+    tried |= {value: fitted(value) for value in near if value > 0.0}
+    points = sorted(tried)
+    best = min(points, key=lambda value: tried[value].cost)
+    place = points.index(best)
+    low, high = points[max(place - 1, 0)], points[min(place + 1, len(points) - 1)]
+    found, cost = _between(fitted, low, high)
+    best = found if cost < tried[best].cost else best
+    here = fitted(best)
+    while mean_delay(here) > LEFT_OVER:
+        # One sample more and one sample less of memory fit nearly as well: a comb of minima, one sample apart.
+        other, _ = _between(fitted, best + 0.75 * step_s, best + 1.25 * step_s)
+        there = fitted(other)
+        if there.cost >= here.cost:
+            break
+        best, here = other, there
+    return best
+
+
+def _between(fitted: Callable[[float], Coefficients], low: float, high: float) -> tuple[float, float]:
+    return _bounded(lambda value: fitted(value).cost, low, high, SCAN_EVALUATIONS, SCAN_TOLERANCE)
+
+
+def _bounded(cost: Cost, low: float, high: float, evaluations: int, tolerance: float) -> tuple[float, float]:
+    """Return place and cost of the least cost between two positive bounds, sought over the logarithm."""
+    found = minimize_scalar(
+        lambda u: cost(float(np.exp(u))),
+        bounds=(np.log(low), np.log(high)),
+        method="bounded",
+        options={"maxiter": evaluations, "xatol": tolerance},
+    )
+    return float(np.exp(found.x)), float(found.fun)
