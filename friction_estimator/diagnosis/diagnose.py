@@ -15,7 +15,7 @@ from friction_estimator.diagnosis.intervals import estimates
 from friction_estimator.diagnosis.joint import Joint, JointFit
 from friction_estimator.diagnosis.record import Record, build_record
 from friction_estimator.diagnosis.remainder import Remainder, unexplained
-from friction_estimator.diagnosis.repair import confirmed, repaired, scattered
+from friction_estimator.diagnosis.repair import concealed, confirmed, repaired, scattered, with_repair
 from friction_estimator.diagnosis.result import (
     EFFECTS_FOUND,
     NOTHING_FOUND,
@@ -76,6 +76,11 @@ def diagnose(
     coarse = max((f.conceals_N2 for f in found_faults), default=0.0)
     known = {f.name for f in found_faults}
     found = Searcher(record, config, context, catalogue, seed, coarse, known)(progress)
+    if late := concealed(found_faults, record, context, found.models[-1], catalogue):
+        for fault in late:
+            record = with_repair(record, config, fault)
+        found_faults += late
+        found = Searcher(record, config, context, catalogue, seed, coarse, known | {f.name for f in late})(progress)
     progress("measuring gains on held-out data", 0.75)
     spread = float(np.std(record.friction_N[record.used]))
     found, errors = _gaining(found, [held_out_errors(found.problem, context, m) for m in found.models], record, spread)

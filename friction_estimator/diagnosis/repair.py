@@ -100,6 +100,17 @@ def confirmed(
     return out
 
 
+def concealed(
+    found: Sequence[Fault], record: Record, context: Context, final: Joint, catalogue: Catalogue = EFFECTS
+) -> list[Fault]:
+    """Return the spoiled samples that only show in what the last model leaves: the base model's error was larger."""
+    known = {fault.name for fault in found}
+    view = replace(view_of(record, context, found), residual_N=final.residual_N)
+    asked = [cls for name, cls in catalogue.items() if cls.detects_at == "residual" and name not in known]
+    faults = [cls.detect(view) for cls in asked]
+    return [fault for fault in faults if fault is not None and fault.used is not None]
+
+
 def view_of(
     record: Record, context: Context, found: Sequence[Fault], fit: BaseFit | None = None, config: Config | None = None
 ) -> DataView:
