@@ -8,7 +8,6 @@ from friction_estimator.core.model.theory import TheoryCurve
 from friction_estimator.core.sample import Floats
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import (
-    SPLINES,
     BaseProblem,
     Capacity,
     Coefficients,
@@ -118,7 +117,7 @@ class BaseFit:
 
 def fit_base(record: Record, config: Config, capacity: Capacity | None = None) -> BaseFit:
     """Fit the base model alone to a record; `capacity` defaults to `SPLINES` and `fir.order`."""
-    problem = BaseProblem(record, config, capacity or Capacity(SPLINES, config.fir.order))
+    problem = BaseProblem(record, config, capacity)
     return BaseFit.of(problem, problem.fit())
 
 

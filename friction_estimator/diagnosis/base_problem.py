@@ -140,19 +140,20 @@ class BaseProblem:
 
     Parameters
     ----------
-    record : the data. config : theory. capacity : of the curve and the FIR.
+    record : the data. config : theory. capacity : of the curve and the FIR (default `SPLINES` and `fir.order`).
     """
 
     def __init__(
         self,
         record: Record,
         config: Config,
-        capacity: Capacity,
+        capacity: Capacity | None = None,
         whole: Whole | None = None,
         tables: StaticTables | None = None,
         chosen: Bools | None = None,
     ) -> None:
         f = record.features
+        capacity = capacity or Capacity(SPLINES, config.fir.order)
         self.record, self.config, self.capacity = record, config, capacity
         self.theory = theory_from_config(config)
         self.curve = OddCurve(float(np.abs(f.velocity_m_s).max()), capacity.splines)

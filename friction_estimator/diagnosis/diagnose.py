@@ -7,7 +7,7 @@ import numpy as np
 
 from friction_estimator.core.sample import Floats, Samples
 from friction_estimator.core.settings.config import Config
-from friction_estimator.diagnosis.base_problem import ALARM, SPLINES, BaseProblem, Capacity
+from friction_estimator.diagnosis.base_problem import ALARM, BaseProblem
 from friction_estimator.diagnosis.excitation import Excitation, assess
 from friction_estimator.diagnosis.floor import noise_floor
 from friction_estimator.diagnosis.held_out import gain_between, held_out_errors, rms
@@ -125,7 +125,7 @@ def diagnose(
 
 def _undecidable(raw: Record, config: Config, context: Context, excitation: Excitation) -> Diagnosis:
     """Return the answer to data that cannot give one: the base fit alone."""
-    base = JointFit(BaseProblem(raw, config, Capacity(SPLINES, config.fir.order)), context)()
+    base = JointFit(BaseProblem(raw, config), context)()
     spread = float(np.std(raw.friction_N)) or 1.0
     error = rms(base.residual_N, raw)
     return Diagnosis(

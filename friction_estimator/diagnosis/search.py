@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
 from friction_estimator.core.settings.config import Config
-from friction_estimator.diagnosis.base_problem import SPLINES, BaseProblem, Capacity
+from friction_estimator.diagnosis.base_problem import BaseProblem, Capacity
 from friction_estimator.diagnosis.candidates import (
     MEMORY_EVIDENCE,
     PLAIN,
@@ -130,7 +130,7 @@ class Searcher:
         self.catalogue, self.coarse_N2, self.known = catalogue, coarse_N2, known
         self.samples = max(int(record.used.sum()), 1)
         self.ordered = bool(pressure_order(record))
-        self._starts_with(Capacity(SPLINES, config.fir.order))
+        self._starts_with()
 
     def __call__(self, progress: Progress) -> Search:
         """Find the causes, until nothing passes the gate."""
@@ -181,7 +181,7 @@ class Searcher:
             view.screened,
         )
 
-    def _starts_with(self, capacity: Capacity) -> None:
+    def _starts_with(self, capacity: Capacity | None = None) -> None:
         """Begin with a base model of this size."""
         self.problem = BaseProblem(self.record, self.config, capacity)
         self.fits = Candidates(self.problem, self.context, self.catalogue, self.seed)

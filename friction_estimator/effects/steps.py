@@ -21,20 +21,59 @@ ENDS = 0.02
 """Share of the record that must lie before and after a step."""
 
 
+class Step(Effect):
+    """A jump at the time `at`."""
+
+    acts = SLOW
+    size_key = "step"
+    refined = ("at",)
+    steps = ("at",)
+
+    @classmethod
+    def grid(cls, context: Context) -> list[dict[str, float]]:
+        """Change points evenly over the recording."""
+        return chosen(context.duration_s * np.arange(1, CHANGE_POINTS) / CHANGE_POINTS, "at")
+
+    @classmethod
+    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
+        """The jump and its time."""
+        return {"step": (float(weights[0]), cls.keys[0].unit), "at": (params["at"], "s")}
+
+    @classmethod
+    def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
+        """To the neighbouring change points; a step at the very start is a bias, one at the very end a few samples."""
+        reach = context.duration_s / CHANGE_POINTS
+        edge = EDGE * context.duration_s
+        return (min(max(edge, value - reach), value), max(min(context.duration_s - edge, value + reach), value))
+
+    @classmethod
+    def peaks(cls, residual_N: Floats, features: Features, context: Context) -> list[dict[str, float]]:  # noqa: ARG003
+        """Change points evenly over the samples, which a pause holds none of, and closer to both ends."""
+        edge = np.array([0.25, 0.5]) / CHANGE_POINTS
+        parts = np.concatenate([edge, np.arange(1, CHANGE_POINTS) / CHANGE_POINTS, 1.0 - edge[::-1]])
+        return chosen(features.time_s[(parts * (features.size - 1)).astype(np.int64)], "at")
+
+    @classmethod
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+        """Not at the very start or end, where a step is a bias or another curve of the first strokes."""
+        at = params["at"]
+        if ENDS * context.duration_s <= at <= (1.0 - ENDS) * context.duration_s:
+            return None
+        return f"a step {at:.3g} s into a record of {context.duration_s:.3g} s has no length before or after it"
+
+
 @effect
-class BiasStep(Effect):
+class BiasStep(Step):
     """b 1(t > t0)."""
 
     name = "bias_step"
     family = "slow_bias"
     stage = "sensor"
-    acts = SLOW
     keys = (
         Key("step", "N", 0.3, -1e6, 1e6, "jump of the zero"),
         Key("at", "s", 30.0, 0.0, 1e9, "time of the jump"),
         form_key("over half a second instead of at once"),
     )
-    size_key = "step"
     systematic: ClassVar[Mapping[str, float]] = {"step": 0.01, "at": 0.005}
     words = Words(
         "the zero of the force sensor jumped (it was re-zeroed or knocked)",
@@ -50,53 +89,23 @@ class BiasStep(Effect):
         return trace.with_friction(trace.friction_N + self["step"] * _after(trace, self["at"], self["form"]))
 
     @classmethod
-    def grid(cls, context: Context) -> list[dict[str, float]]:
-        """Change points evenly over the recording."""
-        return chosen(_change_points(context), "at")
-
-    @classmethod
     def columns(cls, params: Params) -> Columns:
         """Return 1(t > t0)."""
         return Columns(lambda f, _r, _s: (f.time_s >= params["at"]).astype(np.float64))
 
-    @classmethod
-    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
-        """Step in N and its time."""
-        return {"step": (float(weights[0]), "N"), "at": (params["at"], "s")}
-
-    @classmethod
-    def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
-        """To the neighbouring change points; a step at the very start is a bias, one at the very end a few samples."""
-        return _about(value, context)
-
-    @classmethod
-    def peaks(cls, residual_N: Floats, features: Features, context: Context) -> list[dict[str, float]]:  # noqa: ARG003
-        """Change points evenly over the samples, which a pause holds none of, and closer to both ends."""
-        return chosen(_recorded_change_points(features), "at")
-
-    @classmethod
-    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
-        """Not at the very start or end, where a step is a bias or another curve of the first strokes."""
-        return _at_an_end(params["at"], context)
-
-    refined = ("at",)
-    steps = ("at",)
-
 
 @effect
-class GainStep(Effect):
+class GainStep(Step):
     """F (1 + g 1(t > t0))."""
 
     name = "gain_step"
     family = "gain"
     stage = "mechanics"
-    acts = SLOW
     keys = (
         Key("step", "", 0.1, -0.9, 10.0, "relative jump of the friction"),
         Key("at", "s", 30.0, 0.0, 1e9, "time of the jump"),
         form_key("over half a second instead of at once"),
     )
-    size_key = "step"
     turns = True
     systematic: ClassVar[Mapping[str, float]] = {"step": 0.02, "at": 0.005}
     words = Words(
@@ -113,11 +122,6 @@ class GainStep(Effect):
         return trace.with_friction(trace.friction_N * (1.0 + self["step"] * _after(trace, self["at"], self["form"])))
 
     @classmethod
-    def grid(cls, context: Context) -> list[dict[str, float]]:
-        """Change points evenly over the recording."""
-        return chosen(_change_points(context), "at")
-
-    @classmethod
     def columns(cls, params: Params) -> Columns:
         """Return F 1(t > t0)."""
 
@@ -126,56 +130,8 @@ class GainStep(Effect):
 
         return Columns(compute)
 
-    @classmethod
-    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
-        """Relative step and its time."""
-        return {"step": (float(weights[0]), ""), "at": (params["at"], "s")}
-
-    @classmethod
-    def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
-        """To the neighbouring change points; a step at the very start is a bias, one at the very end a few samples."""
-        return _about(value, context)
-
-    @classmethod
-    def peaks(cls, residual_N: Floats, features: Features, context: Context) -> list[dict[str, float]]:  # noqa: ARG003
-        """Change points evenly over the samples, which a pause holds none of, and closer to both ends."""
-        return chosen(_recorded_change_points(features), "at")
-
-    @classmethod
-    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
-        """Not at the very start or end, where a step is a bias or another curve of the first strokes."""
-        return _at_an_end(params["at"], context)
-
-    refined = ("at",)
-    steps = ("at",)
-
-
-def _change_points(context: Context) -> Floats:
-    return np.asarray(context.duration_s * np.arange(1, CHANGE_POINTS) / CHANGE_POINTS)
-
-
-def _recorded_change_points(features: Features) -> Floats:
-    """Return the times of samples that part the record evenly, finer in the first and last part."""
-    edge = np.array([0.25, 0.5]) / CHANGE_POINTS
-    parts = np.concatenate([edge, np.arange(1, CHANGE_POINTS) / CHANGE_POINTS, 1.0 - edge[::-1]])
-    return np.asarray(features.time_s[(parts * (features.size - 1)).astype(np.int64)])
-
-
-def _about(value: float, context: Context) -> tuple[float, float]:
-    """Return the range in which the time of a step is sought."""
-    reach = context.duration_s / CHANGE_POINTS
-    edge = EDGE * context.duration_s
-    return (min(max(edge, value - reach), value), max(min(context.duration_s - edge, value + reach), value))
-
 
 def _after(trace: Trace, at: float, form: float) -> Floats:
     if form >= 0.5:
         return np.clip((trace.time_s - at) / 0.5 + 0.5, 0.0, 1.0)
     return (trace.time_s >= at).astype(np.float64)
-
-
-def _at_an_end(at: float, context: Context) -> str | None:
-    """Return in words why a step at this time is none that the record shows, or None."""
-    if ENDS * context.duration_s <= at <= (1.0 - ENDS) * context.duration_s:
-        return None
-    return f"a step {at:.3g} s into a record of {context.duration_s:.3g} s has no length before or after it"

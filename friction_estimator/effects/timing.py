@@ -18,20 +18,37 @@ from friction_estimator.effects.trace import Trace
 from friction_estimator.effects.whole import StaticTables, first_order
 
 
-@effect
-class TimeDelay(Effect):
-    """f(t - D)."""
+class Timing(Effect):
+    """One time between the force channel and the velocity channel, the value of `size_key`."""
 
-    name = "time_delay"
     family = "timing"
     stage = "transmission"
     acts = REVERSAL
     delays = True
-    keys = (Key("delay", "s", 1e-3, 0.0, 1.0, "delay of the force behind the velocity"),)
-    size_key = "delay"
     turns = True
     linear = False
     reveals = "since_reversal_s"
+    signs = (1,)
+    fixed_gain = True
+
+    @classmethod
+    def grid(cls, context: Context) -> list[dict[str, float]]:
+        """Times from 0.02 samples to a quarter of the shortest period."""
+        return chosen(times(context), cls.size_key)
+
+    @classmethod
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+        """Neither far below a sample nor a good part of a stroke."""
+        return beyond_time(cls.size_key.replace("_", " "), params[cls.size_key], context)
+
+
+@effect
+class TimeDelay(Timing):
+    """f(t - D)."""
+
+    name = "time_delay"
+    keys = (Key("delay", "s", 1e-3, 0.0, 1.0, "delay of the force behind the velocity"),)
+    size_key = "delay"
     systematic: ClassVar[Mapping[str, float]] = {"delay": 0.03}
     words = Words(
         "the force is late: delay of the channel, or stamps taken on arrival",
@@ -49,11 +66,6 @@ class TimeDelay(Effect):
 
         when = np.maximum(trace.time_s - self["delay"], trace.time_s[0])
         return trace.with_friction(np.asarray(CubicSpline(trace.time_s, trace.friction_N)(when)))
-
-    @classmethod
-    def grid(cls, context: Context) -> list[dict[str, float]]:
-        """Delays from 0.02 samples to a quarter of the shortest period."""
-        return chosen(times(context), "delay")
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
@@ -78,11 +90,6 @@ class TimeDelay(Effect):
         return Columns(compute, state=1 + 2 * RING, filtered=True)
 
     @classmethod
-    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
-        """Neither far below a sample nor a good part of a stroke."""
-        return beyond_time("delay", params["delay"], context)
-
-    @classmethod
     def whole(cls, params: Params, tables: StaticTables, features: Features) -> Floats:
         """Return the columns at t - D."""
         return tables.delayed(features, params["delay"])
@@ -92,28 +99,19 @@ class TimeDelay(Effect):
         """Everything before it is late by D."""
         return params["delay"]
 
-    signs = (1,)
-    fixed_gain = True
     refined = ("delay",)
 
 
 @effect
-class SensorLowpass(Effect):
+class SensorLowpass(Timing):
     """Low-pass filtered force."""
 
     name = "sensor_lowpass"
-    family = "timing"
-    stage = "transmission"
-    acts = REVERSAL
-    delays = True
     keys = (
         Key("time_constant", "s", 1e-3, 0.0, 1.0, "time constant of the first-order filter"),
         form_key("two equal poles in series, together of the same delay"),
     )
     size_key = "time_constant"
-    turns = True
-    linear = False
-    reveals = "since_reversal_s"
     systematic: ClassVar[Mapping[str, float]] = {"time_constant": 0.3}
     words = Words(
         "the force channel is low-pass filtered",
@@ -134,11 +132,6 @@ class SensorLowpass(Effect):
             half = 0.5 * tau
             return trace.with_friction(lagged_force(lagged_force(force, trace.step_s, half), trace.step_s, half))
         return trace.with_friction(lagged_force(force, trace.step_s, tau))
-
-    @classmethod
-    def grid(cls, context: Context) -> list[dict[str, float]]:
-        """Time constants from 0.02 samples to a quarter of the shortest period."""
-        return chosen(times(context), "time_constant")
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
@@ -164,11 +157,6 @@ class SensorLowpass(Effect):
         return Columns(compute, state=3, filtered=True)
 
     @classmethod
-    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
-        """Neither far below a sample nor a good part of a stroke."""
-        return beyond_time("time constant", params["time_constant"], context)
-
-    @classmethod
     def whole(cls, params: Params, tables: StaticTables, features: Features) -> Floats:
         """Return the lagged columns."""
         return tables.lagged(features, params["time_constant"])
@@ -178,8 +166,6 @@ class SensorLowpass(Effect):
         """Return the lagged columns."""
         return first_order(columns, features, params["time_constant"])
 
-    signs = (1,)
-    fixed_gain = True
     refined = ("time_constant",)
 
 
@@ -195,22 +181,15 @@ def lagged_force(force: Floats, step_s: float, tau: float) -> Floats:
 
 
 @effect
-class VelocityDelay(Effect):
+class VelocityDelay(Timing):
     """v(t - D): the force is ahead of the velocity."""
 
     name = "velocity_delay"
-    family = "timing"
-    stage = "transmission"
-    acts = REVERSAL
-    delays = True
     keys = (
         Key("delay", "s", 1e-3, 0.0, 1.0, "delay of the velocity channel behind the force"),
         form_key("a first-order filter of the velocity instead of a delay"),
     )
     size_key = "delay"
-    turns = True
-    linear = False
-    reveals = "since_reversal_s"
     systematic: ClassVar[Mapping[str, float]] = {"delay": 0.03}
     words = Words(
         "the velocity is late: a filter or a delay of its channel, so that the force is ahead of it",
@@ -238,16 +217,6 @@ class VelocityDelay(Effect):
         return seen_at(after, after.velocity_measured_m_s) - seen_at(before, before.velocity_measured_m_s)
 
     @classmethod
-    def grid(cls, context: Context) -> list[dict[str, float]]:
-        """Delays from 0.02 samples to a quarter of the shortest period."""
-        return chosen(times(context), "delay")
-
-    @classmethod
-    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
-        """Neither far below a sample nor a good part of a stroke."""
-        return beyond_time("delay", params["delay"], context)
-
-    @classmethod
     def columns(cls, params: Params) -> Columns:
         """Return F(v + D a) - F(v): what F(t + D) - F(t) is without looking ahead.
 
@@ -272,6 +241,4 @@ class VelocityDelay(Effect):
         """Everything before it is ahead of its velocity by D."""
         return -params["delay"]
 
-    signs = (1,)
-    fixed_gain = True
     refined = ("delay",)
