@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from friction_estimator.core.errors import InputError
-from friction_estimator.core.model.theory_table import read_table
+from friction_estimator.core.model.theory_table_file import read_table
 from friction_estimator.core.regular_file import open_regular, read_regular
 from friction_estimator.core.settings.config import PARAMETERS, Config
 from friction_estimator.documents.configuration import parameter_text, read_config, read_parameters, write_config

@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as arrays
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.model.theory import THEORIES, theory_from_config
 from friction_estimator.core.model.theory_seal import SealCurve
-from friction_estimator.core.model.theory_table import COLUMNS
+from friction_estimator.core.model.theory_table_file import COLUMNS
 from friction_estimator.core.settings.config import PARAMETERS, Config
 from friction_estimator.core.settings.groups import SealConfig
 

@@ -1,6 +1,7 @@
 """Tables of the user's own: what they mean and how they are refused."""
 
 import itertools
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -9,7 +10,8 @@ from hypothesis import strategies as st
 
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.model.theory import theory_from_config
-from friction_estimator.core.model.theory_table import COLUMNS, Grid, TableCurve, read_table
+from friction_estimator.core.model.theory_table import Grid, TableCurve
+from friction_estimator.core.model.theory_table_file import COLUMNS, read_table
 from friction_estimator.core.settings.config import Config
 
 HEADER = ",".join(COLUMNS)
@@ -132,3 +134,97 @@ def test_an_unreadable_file_is_refused(tmp_path):
     binary.write_bytes(bytes(range(256)))
     with pytest.raises(ConfigError, match="no CSV text"):
         read_table(binary)
+
+
+# Scattered measurements
+
+
+def law(v, p):
+    """Friction of a seal that grows with its pressure, with a Stribeck bend, N."""
+    return np.sign(v) * (5.0 + 20e-6 * p) * (0.6 + 0.4 * np.exp(-np.abs(v) / 0.01)) + 30.0 * v
+
+
+def sweeps(seed, pressures=(1e5, 2e5, 4e5), one_sided=False, noise=0.2, n=600):
+    """Rows as a rig gives them: sweeps of speed at some pressures, everything a little off and noisy."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for p in pressures:
+        v = 0.15 * np.sin(np.arange(n))
+        v = np.abs(v) if one_sided else v
+        rows.append([v + 2e-4 * rng.normal(size=n), p + 1e3 * rng.normal(size=n), 300 + 0.3 * rng.normal(size=n)])
+        rows[-1].append(law(v, p) + noise * rng.normal(size=n))
+    return np.concatenate([np.array(part).T for part in rows])
+
+
+def from_rows(tmp_path, rows):
+    return TableCurve(read_table(write(tmp_path, *(",".join(map(repr, row)) for row in rows.tolist()))), 0.0, 26.85)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("one_sided", [False, True])
+def test_noisy_sweeps_at_some_pressures_become_their_curve(tmp_path, seed, one_sided):
+    curve = from_rows(tmp_path, sweeps(seed, one_sided=one_sided))
+    rng = np.random.default_rng(seed + 10)
+    v = rng.uniform(0.003, 0.145, 500) * rng.choice([-1.0, 1.0], 500)
+    for p in (1e5, 2e5, 4e5):
+        found = curve.evaluate(v, np.full(500, p), np.full(500, 26.85))
+        assert np.sqrt(np.mean((found - law(v, p)) ** 2)) < 0.15  # the rows carry noise of 0.2 N
+    between = curve.evaluate(v, np.full(500, 3e5), np.full(500, 26.85))
+    assert np.sqrt(np.mean((between - law(v, 3e5)) ** 2)) < 0.2
+
+
+def test_a_curve_of_scattered_rows_keeps_to_what_was_measured(tmp_path):
+    rows = sweeps(4)
+    curve = from_rows(tmp_path, rows)
+    rng = np.random.default_rng(0)
+    v, p, t = rng.uniform(-1, 1, 3000), rng.uniform(-1e5, 2e6, 3000), rng.uniform(-30, 140, 3000)
+    found = curve.evaluate(v, p, t)
+    assert rows[:, 3].min() <= found.min() <= found.max() <= rows[:, 3].max()
+    assert curve.held > 2000
+
+
+def test_an_asymmetric_measurement_stays_asymmetric(tmp_path):
+    rows = sweeps(5)
+    rows[:, 3] = np.where(rows[:, 0] > 0, rows[:, 3], 2.0 * rows[:, 3])
+    curve = from_rows(tmp_path, rows)
+    assert at(curve, -0.1, 2e5, 26.85) == pytest.approx(-2.0 * at(curve, 0.1, 2e5, 26.85), rel=0.03)
+
+
+def test_a_speed_that_one_pressure_lacks_comes_from_the_next_pressure(tmp_path):
+    rows = sweeps(6)
+    rows = rows[(rows[:, 0] < 0.05) | (rows[:, 1] < 3e5)]
+    curve = from_rows(tmp_path, rows)
+    assert at(curve, 0.12, 4e5, 26.85) == pytest.approx(law(0.12, 2e5), abs=2.0)
+
+
+def test_one_sample_and_many_give_the_same_bits(tmp_path):
+    curve = from_rows(tmp_path, sweeps(7, n=100))
+    rng = np.random.default_rng(0)
+    v, p, t = rng.uniform(-0.2, 0.2, 200), rng.uniform(0, 5e5, 200), rng.uniform(0, 60, 200)
+    single = [at(curve, *point) for point in zip(v, p, t, strict=True)]
+    np.testing.assert_array_equal(curve.evaluate(v, p, t), single)
+
+
+@pytest.mark.parametrize("n", [300, 2000])
+def test_rows_on_a_line_through_all_three_axes_need_little_memory(tmp_path, n):
+    k = np.arange(float(n))
+    path = write(tmp_path, *(f"{0.001 * i},{100 * i},{290 + 20 * i / n},{i}" for i in k))
+    tracemalloc.start()
+    curve = TableCurve(read_table(path), 0.0, 20.0)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 60e6
+    found = curve.evaluate(0.001 * k, 100 * k, 290 + 20 * k / n - 273.15)
+    assert np.sqrt(np.mean((found - k) ** 2)) < 0.03 * n
+
+
+def test_few_scattered_rows_are_refused_with_what_is_needed(tmp_path):
+    path = write(tmp_path, *(f"{i},{i},{300 + i},{i}" for i in range(10)))
+    with pytest.raises(ConfigError, match=r"lacks 990 of the 1000 points .*; scattered .* from 30 rows on"):
+        read_table(path)
+
+
+def test_a_table_that_is_too_large_is_refused(tmp_path):
+    path = write(tmp_path, "0,0,300,1\n" * 200_001)
+    with pytest.raises(ConfigError, match="has more than 200000 rows: thin them out"):
+        read_table(path)

@@ -102,10 +102,11 @@ def mcap_record(rng: random.Random, data: bytes) -> bytes:
     places = [(at, end, code) for at, end, code in _mcap_places(data, 8, len(data) - 8)]
     if not places:
         return flip(rng, data)
-    for at, _, code in places:
-        if code == 6:  # a chunk's checksum would hide what is changed in it
+    for at, end, code in places:
+        if code == 6 and end - at > 60:  # a chunk's checksum would hide what is changed in it
             data = data[: at + 33] + bytes(4) + data[at + 37 :]
-            places += _mcap_places(data, at + 9 + 40, at + 9 + 48 + struct.unpack_from("<Q", data, at + 25)[0])
+            inner = at + 9 + 40 + struct.unpack_from("<I", data, at + 37)[0]
+            places += _mcap_places(data, inner, end)
             break
     start, stop, _ = rng.choice(places)
     pick = rng.random()
@@ -121,7 +122,7 @@ def mcap_record(rng: random.Random, data: bytes) -> bytes:
 
 def _mcap_places(data: bytes, at: int, stop: int) -> list[tuple[int, int, int]]:
     places = []
-    while at + 9 <= stop:
+    while at >= 0 and at + 9 <= min(stop, len(data)):
         code, size = struct.unpack_from("<BQ", data, at)
         if at + 9 + size > stop:
             break

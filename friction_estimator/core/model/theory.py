@@ -18,7 +18,8 @@ from collections.abc import Callable
 from typing import Protocol
 
 from friction_estimator.core.model.theory_seal import SealCurve
-from friction_estimator.core.model.theory_table import TableCurve, read_table
+from friction_estimator.core.model.theory_table import TableCurve
+from friction_estimator.core.model.theory_table_file import read_table
 from friction_estimator.core.registry import Registry
 from friction_estimator.core.sample import Floats
 from friction_estimator.core.settings.config import Config

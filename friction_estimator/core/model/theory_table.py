@@ -1,26 +1,15 @@
 """A theoretical curve from a table of the user's own: multilinear interpolation on a full grid."""
 
-import csv
 import math
-import os
-from collections.abc import Iterator
 from dataclasses import dataclass
-from io import TextIOWrapper
-from pathlib import Path
 
 import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
 from friction_estimator.compiled import njit
-from friction_estimator.core.errors import ConfigError, InputError
-from friction_estimator.core.model.oil import KELVIN, checked_temperature
-from friction_estimator.core.model.theory_seal import LOWEST_GAUGE_PRESSURE_PA
-from friction_estimator.core.regular_file import open_regular
+from friction_estimator.core.model.oil import checked_temperature
 from friction_estimator.core.sample import Floats, Ints
-
-COLUMNS = ("velocity_m_s", "pressure_Pa", "temperature_K", "friction_N")
-_SHOWN_POINTS = 3
 
 
 @dataclass(frozen=True)
@@ -39,95 +28,6 @@ class Grid:
     gauge_pressure_Pa: Floats
     temperature_degC: Floats
     friction_N: NDArray[np.float64]
-
-
-def read_table(path: str | os.PathLike[str]) -> Grid:
-    """Read a CSV of `velocity_m_s,pressure_Pa,temperature_K,friction_N` (gauge pressure) in any order of rows.
-
-    Other columns are passed over. The rows must fill the grid of all combinations of the velocities (at least
-    two), pressures and temperatures that occur, each once.
-
-    Raises
-    ------
-    ConfigError
-        Naming the file and, where there is one, the row (as numbered by an editor, the header being row 1): it
-        cannot be read, a column is missing, an entry is no finite number, a temperature lies outside -40 to
-        150 degC or a gauge pressure below vacuum, a point occurs twice or not at all.
-    """
-    source = Path(path)
-    try:
-        file = open_regular(source)
-    except InputError as error:
-        raise ConfigError(f"theory.table: {error}") from error
-    try:
-        with TextIOWrapper(file, encoding="utf-8-sig", newline="") as handle:
-            rows = _read_rows(csv.reader(handle), source)
-    except OSError as error:
-        raise ConfigError(f"theory.table: cannot read {source}: {error.strerror}") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise ConfigError(f"theory.table: {source} is no CSV text: {error}") from error
-    points = {row[:3]: friction for _, row, friction in rows}
-    if len(points) < len(rows):
-        first: dict[tuple[float, float, float], int] = {}
-        for number, point, _ in rows:
-            if point in first:
-                raise ConfigError(
-                    f"theory.table: {source} row {number} repeats the velocity, pressure and temperature of row "
-                    f"{first[point]}: leave one of them out"
-                )
-            first[point] = number
-    axes = [np.unique([point[i] for point in points]) for i in range(3)]
-    if axes[0].size < 2:
-        raise ConfigError(f"theory.table: {source} has {axes[0].size} velocities: a curve needs at least two")
-    wanted = [(v, p, t) for v in axes[0].tolist() for p in axes[1].tolist() for t in axes[2].tolist()]
-    missing = [point for point in wanted if point not in points]
-    if missing:
-        shown = "; ".join(f"({v:g} m/s, {p:g} Pa, {t:g} K)" for v, p, t in missing[:_SHOWN_POINTS])
-        more = ", ..." if len(missing) > _SHOWN_POINTS else ""
-        raise ConfigError(
-            f"theory.table: {source} lacks {len(missing)} of the {len(wanted)} points of its grid of "
-            f"{axes[0].size} velocities, {axes[1].size} pressures and {axes[2].size} temperatures: {shown}{more}"
-        )
-    friction = np.array([points[point] for point in wanted], np.float64)
-    return Grid(axes[0], axes[1], axes[2] - KELVIN, friction.reshape([axis.size for axis in axes]))
-
-
-_Row = tuple[int, tuple[float, float, float], float]
-
-
-def _read_rows(reader: Iterator[list[str]], source: Path) -> list[_Row]:
-    header = [name.strip() for name in next(reader, [])]
-    lacking = [name for name in COLUMNS if name not in header]
-    if lacking:
-        found = ", ".join(header) or "nothing"
-        raise ConfigError(
-            f"theory.table: {source} row 1 lacks the column {lacking[0]}: the header needs "
-            f"{','.join(COLUMNS)} and has {found}"
-        )
-    places = [header.index(name) for name in COLUMNS]
-    rows: list[_Row] = []
-    for number, cells in enumerate(reader, start=2):
-        if not any(cell.strip() for cell in cells):
-            continue
-        where = f"theory.table: {source} row {number}"
-        values = []
-        for name, place in zip(COLUMNS, places, strict=True):
-            text = cells[place].strip() if place < len(cells) else ""
-            try:
-                value = float(text)
-            except ValueError:
-                value = math.nan
-            if not math.isfinite(value):
-                raise ConfigError(f"{where}: {name} is {text!r}, not a finite number")
-            values.append(value)
-        velocity, pressure, temperature, friction = values
-        checked_temperature(temperature - KELVIN, f"{where}: temperature_K {temperature:g} K")
-        if pressure < LOWEST_GAUGE_PRESSURE_PA:
-            raise ConfigError(f"{where}: pressure_Pa is {pressure:g}, a gauge pressure below vacuum")
-        rows.append((number, (velocity, pressure, temperature), friction))
-    if not rows:
-        raise ConfigError(f"theory.table: {source} has no row below the header")
-    return rows
 
 
 @njit(cache=True)
@@ -194,7 +94,7 @@ class TableCurve:
 
     Parameters
     ----------
-    grid : the table, see `read_table`.
+    grid : the table, see `theory_table_file.read_table`.
     default_pressure_Pa : gauge pressure of samples without one, Pa.
     default_temperature_degC : temperature of samples without one, degC.
 
