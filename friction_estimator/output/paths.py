@@ -19,6 +19,8 @@ def resolved(path: StrPath) -> Path:
 
     Raises InputError where that is no path.
     """
+    if not os.fspath(path):
+        raise InputError("an output without a name cannot be written; give its path")
     try:
         target = Path(path).resolve()
         if target.is_symlink():

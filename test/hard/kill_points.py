@@ -27,6 +27,7 @@ from tqdm import tqdm
 
 from friction_estimator.cli.main import main
 from friction_estimator.output import exchange
+from friction_estimator.output.staging import Staging
 from friction_estimator.ros.state import dumps, write_state
 
 Signature = dict[str, str]
@@ -67,7 +68,8 @@ def save(value: float) -> Callable[[Path], int]:
     """Return what saves a state."""
 
     def body(folder: Path) -> int:
-        write_state(folder / "state.json", dumps({"estimator": {"gain": value}}))
+        with Staging(folder / "state.json") as staging:
+            write_state(staging, dumps({"gain": value}))
         return 0
 
     return body
@@ -146,8 +148,11 @@ def hidden(folder: Path) -> list[str]:
     return sorted(str(item.relative_to(folder)) for item in folder.rglob(".*"))
 
 
-def attack(case: Case, root: Path, points: int | None, seed: int) -> tuple[list[str], list[str]]:
-    """Kill the writing of a case at its file operations; return (operations, what was found wrong)."""
+def attack(case: Case, root: Path, points: int | None, seed: int, following: int = 1) -> tuple[list[str], list[str]]:
+    """Kill the writing of a case at its file operations; return (operations, what was found wrong).
+
+    After every `following`-th kill the next run is made, and judged.
+    """
     place, kept = root / "place", root / "kept"
 
     def fresh() -> None:
@@ -168,7 +173,7 @@ def attack(case: Case, root: Path, points: int | None, seed: int) -> tuple[list[
     numbers = list(range(1, len(whole.operations) + 1))
     if points is not None:
         numbers = sorted(random.Random(seed).sample(numbers, min(points, len(numbers))))
-    for number in numbers:
+    for turn, number in enumerate(numbers):
         fresh()
         ended = run(lambda: case.new(place), str(place), number)
         at = f"killed before operation {number}"
@@ -177,11 +182,13 @@ def attack(case: Case, root: Path, points: int | None, seed: int) -> tuple[list[
             continue
         at += f", {ended.operations[-1]}"
         wrong += [f"{at}: {text}" for text in judged(case, place, former, new)]
+        if turn % following:
+            continue
         # The next run, whole: it is not hindered, and nothing hidden is left.
-        following = os.fork()
-        if following == 0:
+        child = os.fork()
+        if child == 0:
             os._exit(case.new(place))
-        code = os.waitstatus_to_exitcode(os.waitpid(following, 0)[1])
+        code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
         after = {n: signature(place / n) for n in new}
         if code not in (0, 1) or after != new or hidden(place) or set(os.listdir(place)) != set(new):
             wrong.append(f"{at}: the next run ends with {code} and leaves {sorted(os.listdir(place))}")
@@ -233,6 +240,7 @@ def command_line() -> int:
     parser.add_argument("case", choices=CASES)
     parser.add_argument("--points", type=int, help="operations drawn (default: all)")
     parser.add_argument("--random", type=int, default=0, help="kills at random moments after that")
+    parser.add_argument("--following", type=int, default=1, help="kills to each whole run after (default: 1)")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--two-renames", action="store_true", help="as where two names cannot be exchanged")
     args = parser.parse_args()
@@ -249,7 +257,7 @@ def command_line() -> int:
         terminal = os.dup(1)
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # the verbs talk
         prepare(root / "inputs")
-        operations, wrong = attack(case, root, args.points, args.seed)
+        operations, wrong = attack(case, root, args.points, args.seed, args.following)
         wrong += random_kills(case, root, args.random, args.seed)
         sys.stdout.flush()
         os.dup2(terminal, 1)
