@@ -219,3 +219,9 @@ def test_the_document_goes_where_stdout_goes(place):
     said, brace, rest = (place / "log").read_text().partition("{")
     assert "written" in said
     assert json.loads(brace + rest)["samples"] == 600
+
+
+def test_an_export_never_replaces_the_model(place, capsys):
+    for name in ("config.yaml", "summary.json"):
+        words = ("export", place / "run", "--format", "csv", "--out", place / "run" / name)
+        assert "is the input" in refused(capsys, place, *words)

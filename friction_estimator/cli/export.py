@@ -15,7 +15,6 @@ from friction_estimator.documents.load import Limits, parse_json
 from friction_estimator.effects.extension import extension_from_config
 from friction_estimator.export import FORMATS
 from friction_estimator.export.learned import Learned
-from friction_estimator.output.target import write_text
 
 SUMMARY = Limits(size=16 * 2**20, depth=32, nodes=500_000)
 """Of the summary.json of a run; its curves have 401 points a joint."""
@@ -54,7 +53,12 @@ def add_parser(subparsers: common.Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
-    output = common.Output("-")  # what people read goes to stderr: the text may go to stdout
+    # What people read goes to stderr: the text may go to stdout.
+    with common.Output("-", args.out, inputs=_inputs(args)) as output:
+        return _run(args, output)
+
+
+def _run(args: argparse.Namespace, output: common.Output) -> int:
     kind = FORMATS[args.format]
     learned = _learned(args, output)
     if kind.needs_recording and learned.samples is None:
@@ -64,13 +68,22 @@ def run(args: argparse.Namespace) -> int:
         )
     exported = kind.write(learned)
     if args.out:
-        write_text(args.out, exported.text)
+        with output.part() as part:
+            part.write_text(exported.text, encoding="utf-8")
         output.say(f"{'written':<12}{args.out}")
     else:
         say_document(exported.text.rstrip("\n"))
     for line in learned.cost(exported.error_rms_N):
         output.say(line)
     return 0
+
+
+def _inputs(args: argparse.Namespace) -> list[str]:
+    """Return the files that are read; others in the folder of a run are none."""
+    model = Path(args.model)
+    if not model.is_dir():
+        return [args.model, *args.recording]
+    return [*(str(model / name) for name in ("config.yaml", "summary.json", "bag")), *args.recording]
 
 
 def _learned(args: argparse.Namespace, output: common.Output) -> Learned:

@@ -98,7 +98,7 @@ CASES = {
         verb("identify", "@bag", "--fit-only", "--model", "hammerstein"),
     ),
     "diagnose": Case(
-        "run", "result.json", verb("diagnose", "@sprung"), verb("diagnose", "@sprung", "--seed", "1"),
+        "run", "result.json", verb("diagnose", "@bag"), verb("diagnose", "@sprung"),
         ("friction_estimator.diagnosis.diagnose:diagnose",),
     ),
     "reproduce": Case(
