@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.online.replay import replay
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
@@ -87,3 +88,30 @@ def test_bad_terms_are_refused_in_one_line(text: str, words: str) -> None:
         parse_term(text)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("words", "change"),
+    [
+        (r"learned\.wavelet_weights has \d+ values", lambda config: {"learned.wavelet_weights": [1.0, 2.0]}),
+        (
+            r"learned\.wavelet_weights has \d+ values",
+            lambda config: {"learned.wavelet_weights": config.learned.wavelet_weights[:-1]},
+        ),
+        (r"learned\.extension_weights has 2 values", lambda config: {"learned.extension_weights": [1.0, 2.0]}),
+        (r"learned\.fir_taps has 1 values", lambda config: {"learned.fir_taps": [1.0]}),
+        ("length is missing", lambda config: {"extension.terms": ["breakaway"]}),
+        ("unknown effect 'brakaway'", lambda config: {"extension.terms": ["brakaway:length=1.0"]}),
+        ("is not key=number", lambda config: {"extension.terms": ["inertia:part=x"]}),
+        ("part counts from 0", lambda config: {"extension.terms": ["inertia:part=7"]}),
+    ],
+)
+def test_an_extended_model_that_does_not_fit_itself_is_refused_in_one_line(words, change):
+    """One weight less once ended in an IndexError of the reference curve."""
+    base = {"basis.velocity_range": [-0.15, 0.15], "force_unit": 5.0, "extension.terms": ["inertia"]}
+    cold = Config.from_mapping(base)
+    warm = Estimator(cold, extension_from_config(cold)).learned_config
+    config = warm.updated(change(warm))
+    with pytest.raises(ConfigError, match=words) as caught:
+        Estimator(config, extension_from_config(config))
+    assert str(caught.value).isprintable()

@@ -10,6 +10,7 @@ from importlib import import_module
 
 from friction_estimator import __version__
 from friction_estimator.cli.terminal import EXIT_CODES, PROGRAM, Parser, guarded
+from friction_estimator.core.errors import ConfigError
 from friction_estimator.threads import one_thread
 
 VERBS: dict[str, tuple[str, str]] = {
@@ -63,7 +64,13 @@ def _run(chosen: str | None, arguments: list[str]) -> int:
     args = parser.parse_args(arguments)
     if module is None or args.verb is None:
         parser.error(f"no verb given: choose one of {', '.join(VERBS)}")
-    return int(module.run(args))
+    try:
+        return int(module.run(args))
+    except ConfigError as error:
+        given = getattr(args, "config", None)
+        if given and given not in str(error):  # it shows only where a model is built
+            error.where = ", ".join(filter(None, (given, error.where)))
+        raise
 
 
 if __name__ == "__main__":

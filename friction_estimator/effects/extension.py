@@ -15,7 +15,7 @@ import numpy as np
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.intake.strokes import REVERSAL_SHARE
 from friction_estimator.core.model.basis import basis_from_config
-from friction_estimator.core.model.structure import theory_scale
+from friction_estimator.core.model.structure import check_count, theory_scale
 from friction_estimator.core.model.theory import theory_from_config
 from friction_estimator.core.model.theory_seal import SealCurve
 from friction_estimator.core.sample import Floats, Samples
@@ -240,6 +240,8 @@ def reference_from_config(config: Config) -> Reference:
     warm = config.theory.default_temperature
     basis = basis_from_config(config) if learned.wavelet_weights and config.reach else None
     weights = np.array(learned.wavelet_weights)
+    if basis is not None:
+        check_count("wavelet_weights", weights.size, basis.size)
     unit = config.unit_N or 1.0
 
     def force(v: Floats, p: Floats) -> Floats:

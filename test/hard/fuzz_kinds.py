@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from hard import document_kinds
 from hard import mutators as m
 from hard.fuzzing import Kind
 from rosbags.rosbag1 import Writer as Ros1Writer
@@ -203,4 +204,5 @@ KINDS: dict[str, Kind] = {
     "mat": Kind(_mat, _file(".mat"), _import, (m.mat_element,)),
     "parquet": Kind(_parquet, _file(".parquet"), _import, (m.parquet_footer,)),
     "theory": Kind(_theory_seeds, _file(".csv"), _theory, (m.table_cell, m.text_line, m.text_token)),
+    **document_kinds.KINDS,
 }

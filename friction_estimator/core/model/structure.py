@@ -76,6 +76,15 @@ class Parameters:
         return np.concatenate([self.fir_taps, self.wavelet_weights, self.theory_taps, self.extension_weights])
 
 
+def check_count(name: str, given: int, wanted: int) -> None:
+    """Raise ConfigError where `learned.NAME` has another number of values than the model."""
+    if given != wanted:
+        raise ConfigError(
+            f"learned.{name} has {given} values and this model has {wanted}: "
+            "it was learned with another basis, order or set of terms; leave it empty to start cold"
+        )
+
+
 def theory_scale(config: Config, theory: TheoryCurve | None) -> float:
     """Return the factor on the theoretical curve: 1, or what gives it the rms `force_unit` where it is far off.
 
@@ -145,11 +154,7 @@ class Model:
             given, wanted = getattr(learned, name), getattr(start, name)
             if not given or (name == "theory_taps" and not wanted.size):
                 continue
-            if len(given) != wanted.size:
-                raise ConfigError(
-                    f"learned.{name} has {len(given)} values and this model has {wanted.size}: "
-                    "it was learned with another basis, order or set of terms; leave it empty to start cold"
-                )
+            check_count(name, len(given), wanted.size)
             wanted[:] = given
         return start.theta
 
