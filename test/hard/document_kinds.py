@@ -130,10 +130,10 @@ def resealed(rng: random.Random, data: bytes) -> bytes:
                 group = place[rng.choice(("structure", "chosen"))]
                 group[rng.choice(list(group))] = rng.choice((None, [], {}, 1e300, -1, "x", [1, 2], [[1]], True))
             text = json.dumps(content)
-    except (ValueError, KeyError, TypeError, AttributeError, IndexError):  # it was changed before
+    except (ValueError, LookupError, TypeError, AttributeError, OverflowError):  # it was changed before
         return m.flip(rng, data)
-    sealed = {"format": document["format"], "sha256": hashlib.sha256(text.encode("utf-8", "replace")).hexdigest()}
-    return json.dumps(sealed | {"content": text}).encode()
+    digest = hashlib.sha256(text.encode("utf-8", "replace")).hexdigest()
+    return json.dumps(document | {"sha256": digest, "content": text}).encode()
 
 
 def _with_numbers(rng: random.Random, array: dict[str, str]) -> str:
