@@ -182,6 +182,28 @@ def test_where_this_process_stands_is_not_exchanged(tmp_path, monkeypatch):
         put("/dev/shm")
 
 
+def test_what_comes_into_the_former_folder_at_the_last_moment_is_kept(tmp_path):
+    """It is looked at before the exchange and after it: the exchange is undone."""
+    put(tmp_path / "run", a="old")
+    looks = []
+
+    def refusal(folder):
+        looks.append(folder)
+        if len(looks) == 3:
+            (folder / "mine").touch()
+            return "mine came into it"
+        return None
+
+    def replace():
+        with Target(tmp_path / "run", refusal) as output, output.part() as part:
+            part.mkdir()
+
+    with pytest.raises(InputError, match="mine came into it"):
+        replace()
+    assert tree(tmp_path) == {"run/a": "old", "run/mine": ""}
+    assert [item.name for item in tmp_path.iterdir()] == ["run"]
+
+
 # One at a time
 
 

@@ -29,8 +29,8 @@ if __name__ == "__main__":
 LIMIT_S = 60
 
 
-def until(condition):
-    limit = time.monotonic() + LIMIT_S
+def until(condition, limit_s=LIMIT_S):
+    limit = time.monotonic() + limit_s
     while not condition():
         assert time.monotonic() < limit
         time.sleep(0.01)
