@@ -73,6 +73,8 @@ def busy(tmp_path):
         (signal.SIGINT, False, 130, "verb: interrupted\n"),
         (signal.SIGTERM, False, 143, ""),
         (signal.SIGHUP, False, 129, ""),
+        (signal.SIGTERM, True, 143, ""),
+        (signal.SIGHUP, True, 129, ""),  # a closed terminal; the tracker of multiprocessing died of it, with a trace
     ],
 )
 def test_a_signal_ends_the_verb_and_its_workers_while_they_compute(busy, number, group, code, said):

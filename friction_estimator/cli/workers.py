@@ -16,6 +16,9 @@ from friction_estimator.threads import VARIABLES
 
 WORKERS = 2
 
+_OURS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Signals that may reach the whole group (Ctrl-C, a closed terminal): the verb obeys them, and ends its workers."""
+
 _SINGLE_THREAD = dict.fromkeys(VARIABLES, "1")
 
 
@@ -48,11 +51,12 @@ def run_tasks(
     Raises WorkerError where a worker dies, and what a task raises.
     """
     others = set(active_children())
-    pool = ProcessPoolExecutor(
-        min(workers, os.cpu_count() or 1), get_context("spawn"), initializer=_end_with_the_parent
-    )
+    with _signals_blocked(signal.SIGHUP):  # starts the tracker of multiprocessing, which would die of it, and complain
+        pool = ProcessPoolExecutor(
+            min(workers, os.cpu_count() or 1), get_context("spawn"), initializer=_end_with_the_parent
+        )
     try:
-        with _inherited():  # submitting starts the workers
+        with _single_threaded(), _signals_blocked(*_OURS):  # submitting starts the workers, which inherit both
             futures: dict[Future[Any], Task] = {pool.submit(task.function, *task.arguments): task for task in tasks}
         done = {}
         for future in as_completed(futures):
@@ -70,14 +74,10 @@ def run_tasks(
 
 
 @contextmanager
-def _inherited() -> Iterator[None]:
-    """Have processes that are started now use one thread each, and leave Ctrl-C, which reaches the whole group, to us.
-
-    One thread is faster on small matrices, and gives the same bits.
-    """
+def _single_threaded() -> Iterator[None]:
+    """Have processes that are started now use one thread each: faster on small matrices, and the same bits."""
     before = {name: os.environ.get(name) for name in _SINGLE_THREAD}
     os.environ.update(_SINGLE_THREAD)
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
@@ -86,7 +86,16 @@ def _inherited() -> Iterator[None]:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)  # an interrupt that waited comes here
+
+
+@contextmanager
+def _signals_blocked(*numbers: signal.Signals) -> Iterator[None]:
+    """Keep signals from this thread, and for good from processes that it starts; one that waited comes at the end."""
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 def _end_with_the_parent() -> None:
