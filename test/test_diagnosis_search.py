@@ -1,4 +1,4 @@
-"""The search on plants of another hand: order of causes, forms of one cause, faults that a trait conceals."""
+"""The search on plants of another hand: order of causes, forms of one cause. More of it: hard/hard_diagnosis.py."""
 
 import pytest
 from diagnosis_records import names, record
@@ -13,13 +13,10 @@ ONE_PRESSURE = (segment(1.0, 50.0, 20.0), segment(5.0, 50.0, 40.0))
 @pytest.mark.parametrize(
     ("hidden", "plant", "segments", "found"),
     [
-        # The bristles' error hides the spikes from the base model; the last model shows them.
-        (["outliers:size=0.04"], "maxwell_slip", None, {"outliers", "presliding"}),
         # What one form of the film leaves is no inertia.
         (["squeeze_film:size=0.04,form=1,speed=0.02"], "stribeck", None, {"squeeze_film"}),
         # A drift and then an asymmetry do nearly what the asymmetry's own shape does alone.
         (["stick_slip:size=0.04"], "tabulated", ONE_PRESSURE, {"direction_asymmetry", "stick_slip"}),
-        (["time_delay:delay=0.003"], "maxwell_slip", None, {"presliding", "time_delay"}),
     ],
 )
 def test_the_set_is_what_is_hidden_and_the_plants_trait(hidden, plant, segments, found) -> None:

@@ -16,6 +16,7 @@ from friction_estimator.effects import EFFECTS, Effect, Trace
 from friction_estimator.effects.extension import theory_parts
 from friction_estimator.effects.features import Context, FeatureMaker, Features
 from friction_estimator.effects.reference import Reference
+from friction_estimator.effects.whole import shifted
 from friction_estimator.rig.plant import CLEAN_TAPS
 
 PHYSICAL = {
@@ -75,7 +76,7 @@ def best_fit(effect: Effect, made: Made, index: int, plant: str) -> dict[str, Ra
     target = target - q @ (q.T @ target)
 
     def fitted(params: dict[str, float]) -> tuple[float, np.ndarray]:
-        columns = cls.columns(params)(features, reference)
+        columns = _columns(cls, params, features, reference)
         columns = columns - q @ (q.T @ columns)
         if cls.fixed_gain:
             return float(np.sum(np.square(target - columns[:, 0]))), np.ones(1)
@@ -97,6 +98,15 @@ def best_fit(effect: Effect, made: Made, index: int, plant: str) -> dict[str, Ra
     assert best is not None
     found = {name: value for name, (value, _) in cls.physical(best[1], best[2], context).items()}
     return found | best[3]
+
+
+def _columns(cls: type[Effect], params: dict[str, float], features: Features, reference: Reference):
+    """Return what the diagnosis fits: where the velocity is late it looks ahead, which the live column cannot."""
+    late = cls.late_s(params) if cls.delays else 0.0
+    if late >= 0.0:
+        return cls.columns(params)(features, reference)
+    v, p = features.velocity_m_s, features.pressure_Pa
+    return (reference.force(shifted(v, features, late), p) - reference.force(v, p))[:, None]
 
 
 def _starts(cls: type[Effect], effect: Effect, context: Context) -> list[dict[str, float]]:

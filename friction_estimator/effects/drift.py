@@ -12,6 +12,7 @@ from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import STRAIGHT
 from friction_estimator.effects.reference import BOUNDARY, VISCOUS, Reference
+from friction_estimator.effects.shapes import FREE, HATS, LOW_SPEED, hats, place_of, weights_at
 from friction_estimator.effects.trace import Trace
 
 
@@ -107,18 +108,26 @@ class ViscosityDrift(Effect):
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
-        """Return -dF/dln(viscosity) (1 - exp(-t / tau))."""
+        """Return -dF/dln(viscosity) (1 - exp(-t / tau)); in the free shape -F times hat functions of the speed so."""
+        free = params.get("shape", 0.0) >= FREE
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
             done = 1.0 - np.exp(-f.time_s / params["time_constant"])
+            if free:
+                return -done[:, None] * _by_speed(f, r)
             return -done * r.part(VISCOUS, f.velocity_m_s, f.pressure_Pa)
 
-        return Columns(compute, filtered=True)
+        return Columns(compute, HATS if free else 1, filtered=True)
+
+    @classmethod
+    def variants(cls, params: Params) -> list[dict[str, float]]:
+        """Another share at each speed: where the theory's parts are wrong, time and distance still tell."""
+        return [dict(params) | {"shape": FREE}]
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
-        """Drop and time constant."""
-        return {"drop": (1.0 - float(np.exp(-weights[0])), ""), "time_constant": (params["time_constant"], "s")}
+        """Drop and time constant; in the free shape the drop of the friction at top speed."""
+        return {"drop": (1.0 - float(np.exp(-weights[-1])), ""), "time_constant": (params["time_constant"], "s")}
 
     @classmethod
     def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
@@ -175,18 +184,27 @@ class Wear(Effect):
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
-        """Return dF/dln(mu_b) (1 - exp(-s / L))."""
+        """Return dF/dln(mu_b) (1 - exp(-s / L)); in the free shape F times hat functions of the speed so."""
+        free = params.get("shape", 0.0) >= FREE
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
             done = 1.0 - np.exp(-f.distance_m / params["length"])
+            if free:
+                return done[:, None] * _by_speed(f, r)
             return done * r.part(BOUNDARY, f.velocity_m_s, f.pressure_Pa)
 
-        return Columns(compute, filtered=True)
+        return Columns(compute, HATS if free else 1, filtered=True)
+
+    @classmethod
+    def variants(cls, params: Params) -> list[dict[str, float]]:
+        """Another share at each speed: where the theory's parts are wrong, time and distance still tell."""
+        return [dict(params) | {"shape": FREE}]
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
-        """Relative change and length."""
-        return {"change": (float(weights[0]), ""), "length": (params["length"], "m")}
+        """Relative change and length; in the free shape the change of the friction at low speed."""
+        low = weights_at(place_of(LOW_SPEED))[0] if len(weights) > 1 else np.ones(1)
+        return {"change": (float(low @ weights), ""), "length": (params["length"], "m")}
 
     @classmethod
     def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
@@ -201,6 +219,11 @@ class Wear(Effect):
         return None
 
     refined = ("length",)
+
+
+def _by_speed(f: Features, r: Reference) -> Floats:
+    """Return the friction times hat functions of the speed, (n, HATS)."""
+    return np.asarray(r.force(f.velocity_m_s, f.pressure_Pa)[:, None] * hats(f.velocity_m_s, r))
 
 
 def _settled(ratio: Floats, form: float) -> Floats:

@@ -19,6 +19,10 @@ TWICE = 3.0
 """And for the free shape with two dependences on the pressure."""
 
 
+LOW_SPEED = 0.03
+"""Share of the top speed at which the level of a free shape is stated: the boundary level, not the viscous part."""
+
+
 def hats(velocity_m_s: Floats, reference: Reference) -> Floats:
     """Return the hat functions of the speed, (n, HATS)."""
     place = np.arcsinh(np.abs(velocity_m_s) / reference.bend_m_s) / reference.reach

@@ -10,15 +10,11 @@ from friction_estimator.effects.base import Effect, Key, Params, Words, chosen, 
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.reference import Reference
-from friction_estimator.effects.shapes import FREE, HATS, TWICE, hats, level, place_of, weights_at
+from friction_estimator.effects.shapes import FREE, HATS, LOW_SPEED, TWICE, hats, level, place_of, weights_at
 from friction_estimator.effects.trace import Trace
 
 SIGN_SHARE = 60.0
 """The simulated Coulomb level turns its sign within the top speed over this, as in a record without a theory."""
-
-
-LOW_SPEED = 0.03
-"""Share of the top speed at which the level of a free shape is stated: the boundary level, not the viscous part."""
 
 
 @effect

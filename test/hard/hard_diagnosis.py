@@ -1,0 +1,25 @@
+"""Diagnoses on plants whose own trait hides or imitates what is hidden: a minute each."""
+
+import pytest
+from diagnosis_records import names, record
+
+from friction_estimator.core.settings.config import Config
+from friction_estimator.diagnosis.diagnose import diagnose
+
+RIG = {"direction_asymmetry", "pressure_dependence", "frictional_lag"}
+
+
+@pytest.mark.parametrize(
+    ("hidden", "plant", "found"),
+    [
+        # The bristles' error hides the spikes from the base model; the last model shows them.
+        ("outliers:size=0.04", "maxwell_slip", {"outliers", "presliding"}),
+        # A delay is one of the bristles as well.
+        ("time_delay:delay=0.003", "maxwell_slip", {"presliding", "time_delay"}),
+        # The theory's boundary part is not that of this plant: time and distance tell, not the shape over speed.
+        ("wear:size=0.04", "rig", {*RIG, "wear"}),
+        ("viscosity_drift:size=0.04", "rig", {*RIG, "viscosity_drift"}),
+    ],
+)
+def test_the_set_is_what_is_hidden_and_the_plants_traits(hidden: str, plant: str, found: set[str]) -> None:
+    assert set(names(diagnose([record([hidden], plant=plant)], Config()))) == found
