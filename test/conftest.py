@@ -14,6 +14,10 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 SHARED = Path(__file__).parents[1].parent / "shared" / "data"
+HOSTILE = SHARED.with_name("hostile")
+
+KEPT_OUTSIDE = {"shared_data": SHARED, "shared_hostile": HOSTILE}
+"""Fixture -> folder beside the project."""
 
 
 @pytest.fixture(scope="session")
@@ -25,6 +29,12 @@ def shared_data() -> Path:
     return SHARED
 
 
+@pytest.fixture(scope="session")
+def shared_hostile() -> Path:
+    """Files that broke something once, which do not belong to the project either; used as `shared_data` is."""
+    return HOSTILE
+
+
 @pytest.hookimpl(tryfirst=True)  # before -m selects
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark what needs the measured data, and skip it where there are none; let one worker have all of ROS.
@@ -32,11 +42,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     Two ROS tests at once would not meet, since each has a domain of its own (`ros_graph.reserved_domain`), but their
     processes would be five or six on two cores.
     """
-    absent = pytest.mark.skip(reason=f"measured data are kept outside the project, and are not here: {SHARED}")
     for item in items:
-        if "shared_data" in getattr(item, "fixturenames", ()):
+        for fixture, folder in KEPT_OUTSIDE.items():
+            if fixture not in getattr(item, "fixturenames", ()):
+                continue
             item.add_marker("shared")
-        if item.get_closest_marker("shared") and not SHARED.is_dir():
-            item.add_marker(absent)
+            if not folder.is_dir():
+                item.add_marker(pytest.mark.skip(reason=f"kept outside the project, and not here: {folder}"))
         if item.get_closest_marker("ros"):
             item.add_marker(pytest.mark.xdist_group("ros"))

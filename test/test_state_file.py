@@ -98,10 +98,10 @@ def test_what_is_no_state_is_refused_in_one_line(tmp_path, words, content):
     assert len(str(caught.value)) < 500
 
 
-def test_the_collected_states_are_refused(shared_data):
+def test_the_collected_states_are_refused(shared_hostile):
     for name in ("deep", "surr", "nostruct", "noarrays"):
         with pytest.raises(InputError):
-            learned().restore(read_state(shared_data.parent / "hostile" / f"{name}.json"))
+            learned().restore(read_state(shared_hostile / f"{name}.json"))
 
 
 def entry(*path):
