@@ -1,6 +1,6 @@
 """Files that broke something once, each verb in a process of its own: 2 GB of address space, 10 s of processor time.
 
-Processor time, since a busy machine is no fault of the program. Compiled code must be in the cache: run the suite first.
+Processor time, since a busy machine is no fault of the program. Compiled code must be in the cache: run the suite once.
 """
 
 import os
