@@ -10,6 +10,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
+import yaml
 from hard import bombs
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
@@ -210,3 +211,13 @@ def test_a_mat_file_that_crashes_its_reader_ends_in_one_line(tmp_path, place, va
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
     assert words in str(caught.value)
+
+
+def test_a_list_of_files_that_is_a_word_is_refused(tmp_path):
+    write_samples(tmp_path / "run", recorded(27))
+    about = tmp_path / "run" / "metadata.yaml"
+    tree = yaml.safe_load(about.read_text())
+    tree["rosbag2_bagfile_information"]["files"] = "run.mcap"
+    about.write_text(yaml.safe_dump(tree))
+    with pytest.raises(InputError, match=r"files is \S+, expected a list of files"):
+        read_recording(tmp_path / "run")

@@ -43,6 +43,7 @@ _RECORDING = Schema(
                         "type": "object",
                         "description": "nanoseconds: NUMBER",
                     },
+                    "files": {"type": "array", "description": "a list of files and their times"},
                     "relative_file_paths": {"type": "array", "description": "a list of files", "items": _TEXT},
                     "topics_with_message_count": {
                         "type": "array",

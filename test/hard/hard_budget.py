@@ -12,13 +12,13 @@ LIMIT, GB = 2 << 30, 1 << 30
 
 def run(*arguments):
     """Return exit code, lines on stderr and the largest memory of it and its own processes, MB."""
-    script = (
-        "import resource, sys\n"
+    script = (  # ru_maxrss of a process itself is inherited from whoever started it
+        "import re, resource, sys\n"
         "from friction_estimator.cli.main import main\n"
         "try:\n    code = main(sys.argv[1:])\n"
         "finally:\n"
-        "    kinds = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)\n"
-        "    print(max(resource.getrusage(kind).ru_maxrss for kind in kinds) // 1024)\n"
+        "    own = int(re.search(r'VmHWM:\\s+(\\d+)', open('/proc/self/status').read())[1])\n"
+        "    print(max(own, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss) // 1024)\n"
         "sys.exit(code)\n"
     )
     done = subprocess.run(

@@ -181,7 +181,10 @@ class TheoryConfig:
         choices=("seal", "table", "none"),
     )
     table: str = setting(
-        "", "CSV file velocity_m_s,pressure_Pa,temperature_K,friction_N (gauge pressure); for kind table.", path=True
+        "",
+        "CSV file velocity_m_s,pressure_Pa,temperature_K,friction_N (gauge pressure): a full grid, or 30 scattered "
+        "measurements and more; for kind table.",
+        path=True,
     )
     ambient_pressure: float = setting(
         101325.0, "Taken off the recorded absolute pressure.", unit="Pa", low=0.0, high=1e9
