@@ -17,7 +17,7 @@ from ros_graph import Feeder, Graph, Process, await_, force, motion, qos  # noqa
 
 PREDICTED = "/friction_estimator/friction_predicted"
 TABLE = HERE / "table.md"
-SECTIONS = ("Executors", "Pairs", "Curve", "JointState", "Endurance", "Endings", "Faults")
+SECTIONS = ("Executors", "Pairs", "Latency", "Curve", "JointState", "Endurance", "Endings", "Faults")
 
 
 def write_section(title: str, text: str) -> None:
@@ -94,6 +94,7 @@ class Load:
             "cpu_us": cpu / count * 1e6,
             "p50_us": float(np.median(trips)) / 1e3 if trips else float("nan"),
             "p99_us": float(np.percentile(trips, 99)) / 1e3 if trips else float("nan"),
+            "max_us": max(trips) / 1e3 if trips else float("nan"),
             "took_s": took,
             "stamps": stamps,
             "velocity": velocity,
