@@ -12,16 +12,13 @@ import shutil
 import statistics
 import subprocess
 import tempfile
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from common import HERE, Load, rows, write_section
 from ros_graph import RELIABLE, UNITS, Graph, Process, graph
-from std_msgs.msg import Float64MultiArray
 
-NODE = "/friction_estimator"
 KEYS = ("cpu_us", "p50_us", "p99_us", "max_us")
 
 
@@ -44,32 +41,16 @@ def start(made: Graph, variant: str, before: Path | None) -> Process:
 
 @contextmanager
 def disturbed(made: Graph, variant: str) -> Iterator[None]:
-    """Listen to everything and set parameters all the time, where the variant says so."""
+    """Let another process listen to everything and set parameters all the time, where the variant says so."""
     if variant != "node, everything periodic":
         yield
         return
-    topics = ["friction_curve", *(f"parameters/{name}" for name in ("fir_taps", "theory_taps", "wavelet_weights"))]
-    heard = [
-        made.probe.create_subscription(Float64MultiArray, f"{NODE}/{topic}", lambda _: None, 10, raw=True)
-        for topic in topics
-    ]
-    done = threading.Event()
-
-    def set_parameters() -> None:
-        value = 0.0
-        while not done.wait(0.1):
-            value = 0.01 - value
-            made.call_set(NODE, lms__step_size=value)
-
-    thread = threading.Thread(target=set_parameters)
-    thread.start()
+    process = made.start(str(HERE / "disturber.py"))
+    process.says("disturbing")
     try:
         yield
     finally:
-        done.set()
-        thread.join()
-        for subscription in heard:
-            made.probe.destroy_subscription(subscription)
+        process.stop()
 
 
 def checked_out(commit: str) -> Path:

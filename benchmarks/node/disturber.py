@@ -1,0 +1,50 @@
+"""Everything that happens to a node beside its samples: listeners of all it publishes, and parameters set all the time.
+
+python disturber.py
+"""
+
+import signal
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.srv import SetParameters
+from rclpy.experimental import EventsExecutor
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import Float64MultiArray
+
+NODE = "/friction_estimator"
+ARRAYS = ("friction_curve", "parameters/fir_taps", "parameters/theory_taps", "parameters/wavelet_weights")
+
+
+def main() -> None:
+    rclpy.init(args=["disturber"], signal_handler_options=SignalHandlerOptions.NO)
+    node = rclpy.create_node("disturber")
+    for topic in ARRAYS:
+        node.create_subscription(Float64MultiArray, f"{NODE}/{topic}", lambda _: None, 10, raw=True)
+    node.create_subscription(DiagnosticArray, "/diagnostics", lambda _: None, 10, raw=True)
+    client = node.create_client(SetParameters, f"{NODE}/set_parameters")
+    values = [0.004, 0.005]
+
+    def set_one() -> None:
+        if client.service_is_ready():
+            values.reverse()
+            parameter = Parameter("lms.step_size", value=values[0])
+            client.call_async(SetParameters.Request(parameters=[parameter.to_parameter_msg()]))
+
+    node.create_timer(0.1, set_one)
+    stopping = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stopping.append(True))
+    executor = EventsExecutor()
+    executor.add_node(node)
+    node.get_logger().info("disturbing")
+    while not stopping:
+        executor.spin_once(timeout_sec=0.1)
+    executor.remove_node(node)
+    node.destroy_node()
+    rclpy.shutdown()
+
+
+if __name__ == "__main__":
+    main()
