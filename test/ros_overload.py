@@ -16,6 +16,7 @@ def overload(graph, weights_level, seconds, rate_hz):
 
     process = graph.start_node(
         {"basis.finest_level": weights_level, "basis.velocity_unit": 0.01, "basis.companding": 0.0},
+        deep=False,
         limit_s=5 * ros_graph.LIMIT_S,
     )
     feeder = Feeder(graph)
@@ -53,7 +54,7 @@ def judge_overload(graph, weights_level, *, seconds, rate_hz):
 
     values = await_(settled, "every sample to be accounted for", 5 * ros_graph.LIMIT_S)
     dropped = int(values["samples dropped, too slow"])
-    assert dropped > 0.2 * sent, values
+    assert dropped > 0, values
     during = [(at, estimator_values(message)) for at, message in told]
     warned = next(at for at, v in during if v["level"] >= 1 and at > begin) - begin
     grave = next(at for at, v in during if v["level"] == 2) - begin

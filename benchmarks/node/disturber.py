@@ -1,4 +1,4 @@
-"""Everything that happens to a node beside its samples: listeners of all it publishes, and parameters set all the time.
+"""What happens to a node beside its samples: listeners of all it publishes, a parameter set every second.
 
 python disturber.py
 """
@@ -32,7 +32,7 @@ def main() -> None:
             parameter = Parameter("lms.step_size", value=values[0])
             client.call_async(SetParameters.Request(parameters=[parameter.to_parameter_msg()]))
 
-    node.create_timer(0.1, set_one)
+    node.create_timer(1.0, set_one)
     stopping = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopping.append(True))

@@ -2,8 +2,8 @@
 
 python latency.py [--rounds 3] [--round-seconds 10] [--rate 1000] [--before COMMIT]
 
-"Everything periodic": listeners of the curve and of the parameters, parameters at 20 Hz, a save every second, a
-parameter that is set ten times a second. With --before the node of that commit is measured in the same turns: what has
+"Everything periodic": listeners of diagnostics, curve and parameters, parameters at 10 Hz, a save and a parameter
+that is set every second. With --before the node of that commit is measured in the same turns: what has
 changed since then in processor time and latency.
 """
 
@@ -34,14 +34,14 @@ def start(made: Graph, variant: str, before: Path | None) -> Process:
         process.says("listening", 300.0)
         return process
     if variant == "node, everything periodic":
-        state = {"state.file": str(made.folder / "state.json"), "state.period": 1.0, "publish.parameters_rate": 20.0}
+        state = {"state.file": str(made.folder / "state.json"), "state.period": 1.0, "publish.parameters_rate": 10.0}
         return made.start_node(state, deep=False)
     return made.start_node(deep=False)
 
 
 @contextmanager
 def disturbed(made: Graph, variant: str) -> Iterator[None]:
-    """Let another process listen to everything and set parameters all the time, where the variant says so."""
+    """Let another process listen to everything and set a parameter every second, where the variant says so."""
     if variant != "node, everything periodic":
         yield
         return

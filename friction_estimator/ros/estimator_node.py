@@ -196,7 +196,9 @@ class EstimatorNode(ConfiguredNode):
             self._working_off.cancel()
 
     def _open_inputs(self) -> Inputs:
-        return Inputs(self, self.config.input, self._stream.event, self.health.exception)
+        inputs = Inputs(self, self.config.input, self._stream.event, self.health.exception)
+        self._stream.queue_depth = inputs.depth
+        return inputs
 
     def _publish(self, stamp_ns: int, predicted_N: float, friction_N: float, stddev_N: float) -> None:
         self._outputs.sample(stamp_ns, self._inputs.frame, predicted_N, friction_N, stddev_N)
@@ -360,6 +362,7 @@ class EstimatorNode(ConfiguredNode):
             self._outputs.set_axis(self.config.input.axis)
             if self._enabled:
                 self._inputs.reconfigure(self.config.input)
+                self._stream.queue_depth = self._inputs.depth
             self.health.inputs_changed()
         if "publish" in groups:
             self._outputs.parameters_at_once()

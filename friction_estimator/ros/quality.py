@@ -8,10 +8,13 @@ from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
+INPUT_DEPTH = 1000
+"""Messages that the queue of an input holds: a second at 1 kHz."""
+
 
 def input_qos() -> QoSProfile:
-    """Return the default of the inputs: it matches any publisher, and holds a second at 1 kHz."""
-    return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+    """Return the default of the inputs: it matches any publisher."""
+    return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=INPUT_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 def output_qos(depth: int) -> QoSProfile:

@@ -250,6 +250,11 @@ class Inputs:
                 self.sources.pop(name).close()
         self._open()
 
+    @property
+    def depth(self) -> int:
+        """Messages that the queue of a required input holds."""
+        return max(int(source.qos.depth) for source in self.sources.values() if source.required)
+
     def close(self) -> None:
         """Close all subscriptions."""
         for source in self.sources.values():

@@ -14,6 +14,7 @@ from friction_estimator.core.online.live import CAPACITY, Events, LiveStep, Pred
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.ros.load import Load
+from friction_estimator.ros.quality import INPUT_DEPTH
 
 Publish = Callable[[int, float, float, float], None]
 """Takes (stamp in ns, predicted friction, measured friction, standard deviation of the prediction)."""
@@ -30,9 +31,10 @@ LARGEST_PIECE = 256
 LONGEST_PIECE_S = 0.01
 """Time that such a piece may take, where that is more than one sample: services and diagnostics wait no longer."""
 
-LARGEST_BACKLOG = 1000
-"""Samples that wait at the most where they come faster than they can be predicted: as many as an input's queue holds.
-Then the oldest go, are counted, and the delay lines restart. What waited for the first contact may be more."""
+QUEUES = 2
+"""Samples that wait at the most where they come faster than they can be predicted, in depths of the inputs' queues: a
+full queue is taken over at once, after the machine stood still, while new ones come. Then the oldest go, are counted,
+and the delay lines restart. What waited for the first contact may be more."""
 
 SLOWEST_BREATH_S = 0.15
 """Samples are predicted as their messages are handed over while timers are served at least so often; see `breathe`."""
@@ -56,6 +58,7 @@ class SampleStream:
     learn : whether samples are learned from.
     predictions, lost : samples predicted; samples without prediction, for want of a usable configuration or by a fault.
     overrun : samples let go because the node is too slow for them.
+    queue_depth : of the inputs; see `QUEUES`.
     on_backlog : called where samples begin to wait; `work_off` has to be called then.
     velocity_seen : lowest and highest velocity of the predicted samples, m/s.
     """
@@ -65,6 +68,7 @@ class SampleStream:
         self.predictions = 0
         self.lost = 0
         self.overrun = 0
+        self.queue_depth = INPUT_DEPTH
         self.on_backlog: Callable[[], None] = lambda: None
         self.velocity_seen = (float("inf"), float("-inf"))
         self._build, self._publish = build, publish
@@ -83,7 +87,7 @@ class SampleStream:
         self._step = step
         self._breathless = False
         self._arrived.clear()
-        self._room = LARGEST_BACKLOG
+        self._room = QUEUES * self.queue_depth
         self._count = 0
         self._pending = [False, False]
         self._waiting = self.intake.pairer.waiting
@@ -152,7 +156,7 @@ class SampleStream:
         else:
             self._dropped = self.dropped
             self._step.begin(estimator)
-            self._room = self._step.behind + LARGEST_BACKLOG
+            self._room = self._step.behind + QUEUES * self.queue_depth
 
     # --- samples -----------------------------------------------------------------------------------------------
 
@@ -227,7 +231,7 @@ class SampleStream:
                 self._arrived.extend([time.perf_counter_ns()] * (step.behind - behind))
                 self._let_go(step)
             elif step.contact is None:
-                self._room = step.behind + LARGEST_BACKLOG
+                self._room = step.behind + QUEUES * self.queue_depth
         except FrictionEstimatorError:
             self._connect(None)  # no estimator, nothing to wait for; the builder says why
         finally:
@@ -246,7 +250,8 @@ class SampleStream:
             self.overrun += surplus
             for _ in range(len(self._arrived) - step.behind):
                 self._arrived.popleft()
-        self._room = max(LARGEST_BACKLOG, min(self._room, step.behind + LARGEST_BACKLOG))
+        least = QUEUES * self.queue_depth
+        self._room = max(least, min(self._room, step.behind + least))
 
     def breathe(self) -> None:
         """Note that timers are served; to be called ten times a second or more.
