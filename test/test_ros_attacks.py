@@ -248,8 +248,8 @@ def test_messages_that_never_came_are_counted_by_their_stamps(graph):
 
 
 def test_overload_is_told_and_counted(graph):
-    """1000 weights at 3 kHz; test/hard has 4000 at 1 kHz, and the limits in seconds."""
-    judge_overload(graph, -4, seconds=2.0, rate_hz=3000.0)
+    """2000 weights at 3 kHz; test/hard has 4000 at 1 kHz, and the limits in seconds."""
+    judge_overload(graph, -5, seconds=2.0, rate_hz=3000.0)
 
 
 def test_a_failed_save_is_a_warning(graph):

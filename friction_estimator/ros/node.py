@@ -4,17 +4,15 @@ Signal handlers are in place before anything slow is imported, so that a node th
 ends as cleanly as one that runs (docs/decisions/0031).
 """
 
-import gc
-import logging
 import os
 import sys
-from contextlib import suppress
-from pathlib import Path
-from typing import Any
 
 from friction_estimator.ros.stop_signals import StopSignals
-from friction_estimator.streams import open_standard_streams, told
 from friction_estimator.threads import one_thread
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from friction_estimator.ros.estimator_node import EstimatorNode
 
 SPIN_S = 0.1
 """Longest wait in one turn of the spin loop: bounds how late a signal is noticed."""
@@ -23,6 +21,11 @@ SPIN_S = 0.1
 def main() -> None:
     """Run the node until a signal ends it; end the process with 0, 2 for unusable arguments, 70 for a fault."""
     signals = StopSignals()
+    import logging  # noqa: PLC0415 - what is imported before the handlers are in place cannot be stopped in order
+    from contextlib import suppress  # noqa: PLC0415
+
+    from friction_estimator.streams import open_standard_streams, told  # noqa: PLC0415
+
     open_standard_streams()
     one_thread()
     try:
@@ -40,7 +43,9 @@ def main() -> None:
 
 def _run(arguments: list[str], signals: StopSignals) -> None:
     """Run the node; raises InputError for arguments and names that rcl refuses."""
-    import tempfile  # noqa: PLC0415 - after the signal handlers
+    import gc  # noqa: PLC0415 - after the signal handlers
+    import tempfile  # noqa: PLC0415
+    from pathlib import Path  # noqa: PLC0415
 
     import rclpy  # noqa: PLC0415
     from rclpy.exceptions import NameValidationException  # noqa: PLC0415
@@ -76,7 +81,7 @@ def _run(arguments: list[str], signals: StopSignals) -> None:
         rclpy.try_shutdown()
 
 
-def spin(node: Any, signals: StopSignals) -> None:
+def spin(node: "EstimatorNode", signals: StopSignals) -> None:
     """Serve the node until a signal arrives."""
     from rclpy.experimental import EventsExecutor  # noqa: PLC0415
     from rclpy.task import Future  # noqa: PLC0415

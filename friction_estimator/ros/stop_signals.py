@@ -6,7 +6,6 @@ too, during which Python itself does not look at signals for seconds. Once it st
 
 import contextlib
 import os
-import shutil
 import signal
 import threading
 from types import FrameType
@@ -53,5 +52,7 @@ class StopSignals:
                 with self._deciding:
                     if self._starting:
                         if self.scratch:
+                            import shutil  # noqa: PLC0415 - a slow one, and the handlers come first
+
                             shutil.rmtree(self.scratch, ignore_errors=True)
                         os._exit(0)
