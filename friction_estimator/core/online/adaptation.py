@@ -83,8 +83,9 @@ class Nlms:
 
     @staticmethod
     def constants(config: Config) -> Floats:
-        """Step size and floor of the normaliser."""
-        return np.array([config.nlms.step_size, config.nlms.regularisation, 0.0, 0.0, *speeds(config)])
+        """Step size, floor of the normaliser, and the residual variance that the alarm refers to."""
+        residual = config.prior.residual_deviation**2
+        return np.array([config.nlms.step_size, config.nlms.regularisation, 0.0, residual, *speeds(config)])
 
     @staticmethod
     def metric(prior: Prior) -> Floats:

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from friction_estimator.core.errors import ConfigError
-from friction_estimator.core.fit.band import Curve, median_conditions, static_curve
+from friction_estimator.core.fit.band import POWER, PRODUCT, Curve, median_conditions, static_curve
 from friction_estimator.core.model.prior import Prior
 from friction_estimator.core.model.structure import CHUNK, Extension, Model, Parameters
-from friction_estimator.core.online import kernels, state_check, workspace
+from friction_estimator.core.online import kernels, recovery, state_check, workspace
 from friction_estimator.core.online.adaptation import LAWS
 from friction_estimator.core.online.growth import carried_over, cold_start, grown_model
 from friction_estimator.core.online.workspace import Workspace
@@ -19,7 +19,10 @@ from friction_estimator.core.settings.config import PARAMETERS, Config
 from friction_estimator.core.settings.units import ALONE_ABOVE
 from friction_estimator.core.text import LONGEST_NAME, shown
 
-STATE_VERSION = 3
+STATE_VERSION = 4
+
+STATE_WITHOUT_KEPT = 3
+"""A former version, which is read too: no models kept aside, and three more moments of an alarm that is no more."""
 
 STRUCTURE = (
     "model.type",
@@ -48,9 +51,12 @@ class Health:
     guarded : steps that the divergence guard shortened or refused.
     clipped : errors that nlms or rls took for outliers and shortened.
     outside : samples outside the velocity range (nothing was learned from them).
-    alarmed : abrupt changes of friction that rls noticed (it then learns afresh, from the present parameters).
+    alarmed : times that errors far beyond the usual held learning: bad data, or friction had changed.
     grown : times that the velocity range grew.
     stood : samples at standstill (nothing was learned from them: a stuck shaft shows no friction of motion).
+    held : samples since learning is held, 0 while it is not: the model from before the alarm predicts, while the
+        samples decide whether they were bad or friction has changed (`recovery`).
+    restored : alarms after which the model from before went on, as if the samples between had not been.
     error_rms_N : running rms of the a priori error, N.
     """
 
@@ -62,6 +68,8 @@ class Health:
     alarmed: int
     grown: int
     stood: int
+    held: int
+    restored: int
     error_rms_N: float
 
 
@@ -200,13 +208,27 @@ class Estimator:
         self.work.law[:] = self.law.constants(self.config)
 
     @property
+    def _predicting(self) -> tuple[Floats, Floats, Floats]:
+        """Parameters, root of the covariance and running errors of the model that predicts: the held one in a hold."""
+        work = self.work
+        if not work.hold[workspace.HOLDING]:
+            return work.theta, work.root, work.errors
+        held = recovery.Kept.of(work.kept[recovery.HELD], work)
+        # Nobody knows yet whether this is still the friction: the curve may be off by the present errors anywhere.
+        errors = held.errors.copy()
+        errors[:, [POWER, PRODUCT]] += work.hold[workspace.HELD_POWER]
+        return held.theta, work.kept_root[recovery.HELD], errors
+
+    @property
     def parameters(self) -> Parameters:
-        """The learned values."""
-        return self.model.split(self.work.theta)
+        """The learned values; while learning is held, those from before the alarm."""
+        return self.model.split(self._predicting[0])
 
     @parameters.setter
     def parameters(self, values: Parameters) -> None:
         self.work.theta[:] = self.model.checked(values)
+        for array in (self.work.kept, self.work.kept_root, self.work.trial, self.work.hold):
+            array[:] = 0.0  # what was kept aside belongs to other values
 
     @property
     def learned_config(self) -> Config:
@@ -225,7 +247,8 @@ class Estimator:
         """Posterior covariance of the parameters, (n, n), normalised units; None for laws that keep none."""
         if not self.law.keeps_covariance:
             return None
-        return np.asarray(self._prior.residual_variance * (self.work.root @ self.work.root.T))
+        root = self._predicting[1]
+        return np.asarray(self._prior.residual_variance * (root @ root.T))
 
     def curve(self, samples: Samples | None = None, velocity_m_s: Floats | None = None) -> Curve:
         """Return the static curve with its band.
@@ -236,7 +259,7 @@ class Estimator:
         velocity_m_s : (m,), where; 401 evenly over the learned velocities unless given.
         """
         conditions = median_conditions(self.model, samples)
-        theta, errors, root = self.work.theta, self.work.errors, self.work.root
+        theta, root, errors = self._predicting
 
         def spread(gradient: Floats) -> Floats:  # without the covariance itself, whose product costs n^3
             return np.asarray(self._prior.residual_variance * np.sum(np.square(gradient @ root), axis=1))
@@ -247,7 +270,9 @@ class Estimator:
     @property
     def health(self) -> Health:
         """Counters and running error."""
-        status = self.work.status
+        status, hold = self.work.status, self.work.hold
+        holds = bool(hold[workspace.HOLDING])
+        power = hold[workspace.HELD_POWER] if holds else self.work.moments[workspace.ERROR_POWER]
         return Health(
             samples=int(status[workspace.SEEN]),
             learned=int(status[workspace.LEARNED]),
@@ -257,7 +282,9 @@ class Estimator:
             alarmed=int(status[workspace.ALARMED]),
             grown=int(status[workspace.GROWN]),
             stood=int(status[workspace.STOOD]),
-            error_rms_N=float(np.sqrt(self.work.moments[workspace.ERROR_POWER]) * self.model.unit_N),
+            held=1 + int(hold[workspace.HELD_SINCE]) if holds else 0,
+            restored=int(hold[workspace.RESTORED]),
+            error_rms_N=float(np.sqrt(power) * self.model.unit_N),
         )
 
     def state(self) -> dict[str, Any]:
@@ -266,6 +293,8 @@ class Estimator:
         The delay lines of extension terms are not part of it; they restart with the next sample.
         """
         work = self.work.copy()
+        if not recovery.roots_in_use(work):
+            work.kept_root = work.kept_root[:0]
         return {
             "version": STATE_VERSION,
             "structure": {name: PARAMETERS[name].of(self.config) for name in self._structure()},
@@ -294,6 +323,8 @@ class Estimator:
         extension = self.model.extension
         arrays = state_check.arrays_of(state, Model(config, extension), self.law.keeps_covariance)
         other = Estimator(config, extension)
+        if state["version"] == STATE_WITHOUT_KEPT:
+            arrays = state_check.with_nothing_kept(arrays, other.work)
         state_check.take_over(other.work, arrays)
         self.config, self.model, self._prior, self.work = other.config, other.model, other._prior, other.work
 
@@ -303,7 +334,7 @@ def stated_config(config: Config, state: Mapping[str, Any]) -> Config:
 
     Raises ConfigError for a state of another version, or one that names no range.
     """
-    if state.get("version") != STATE_VERSION:
+    if state.get("version") not in (STATE_VERSION, STATE_WITHOUT_KEPT):
         raise ConfigError(
             f"state has version {shown(state.get('version'), LONGEST_NAME)}, this program reads {STATE_VERSION}: "
             "delete it to start cold"

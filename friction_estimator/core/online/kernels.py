@@ -13,6 +13,7 @@ from friction_estimator.core.fit.posterior import COLOUR
 from friction_estimator.core.intake.standstill import stands, stopping
 from friction_estimator.core.model.prediction import TAPS, WEIGHTS, push, regress
 from friction_estimator.core.online import workspace as at
+from friction_estimator.core.online.recovery import FORMER, HELD, alarming, begin_hold, judge, predicted_by, surprise_of
 from friction_estimator.core.settings.groups import LARGEST_PARAMETER
 
 LMS, NLMS, RLS = range(3)
@@ -23,22 +24,6 @@ CLIP = 6.0
 
 ERROR_MEMORY = 200.0
 """Samples over which the running error power is averaged."""
-
-QUIET_FALL, QUIET_RISE = 500.0, 5000.0
-"""Samples over which the quiet error power follows a fall and a rise: it stays near the lower quarter of e^2."""
-
-LARGEST_SURPRISE = 9.0
-"""A squared error counts for at most this many times the quiet power in the quiet power itself."""
-
-ALARM_RATIO = 80.0
-"""Running error power over quiet power beyond which the friction itself is taken to have changed."""
-
-CALM_RATIO = 0.25
-"""Share of the alarm's ratio below which it may be raised again."""
-
-TOLERANCE_RISE, TOLERANCE_MEMORY = 4.0, 1e5
-"""Factor on that ratio after each alarm, and samples over which it falls back to 1: what is alarming in every cycle is
-the model's error, not a change."""
 
 LEAST_BACKOFF, RECOVERY = 1e-4, 1e-4
 """lms: smallest factor on the step size after guarded steps, and its relative growth a sample."""
@@ -52,9 +37,8 @@ LEAST_EXCITATION, LARGEST_EXCITATION = 1e-14, 1e14
 KNOWN_LEVERAGE = 0.1
 """Errors where x' P x is larger tell of what was not learned yet, not of what cannot be: the band leaves them out."""
 
-MISFIT_MEMORY, MISFIT_RATIO = 5000.0, 8.0
-"""Samples over which the power of known errors is averaged, and the factor on it below which nothing has changed: a
-misfit that gathers at reversals is no alarm."""
+MISFIT_MEMORY = 5000.0
+"""Samples over which the power of known errors is averaged."""
 
 PULL_EVERY, LARGEST_PULL, PAID_AT_ONCE = 64, 0.5, 1.0 / 256.0
 """Samples between two pulls towards the prior, and the largest one: above 1 it would overshoot. After an alarm a
@@ -185,33 +169,6 @@ def _project(root, x, projected):  # type: ignore[no-untyped-def] # pragma: no c
 
 
 @njit(cache=True)
-def _watch(theta, mean, owed, root, prior_root, moments, status, clipped, expected):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Raise the alarm where the running error rises far above its quiet level: the friction has changed abruptly.
-
-    The covariance is set back to the prior once; the parameters stay and are learned anew from where they are. The
-    prior is about its mean, though, and not about where they happened to be: the difference is `owed` to it. Errors
-    at velocities that are not known yet (`expected`, their variance rho x' P x, is large) are no surprise.
-    """
-    quiet = moments[at.QUIET_POWER]
-    surprise = clipped * clipped / (1.0 + expected / quiet)
-    moments[at.NEWS_POWER] += (surprise - moments[at.NEWS_POWER]) / ERROR_MEMORY
-    usual = max(quiet, MISFIT_RATIO / ALARM_RATIO * moments[at.MISFIT_POWER])
-    ratio = moments[at.NEWS_POWER] / (usual * moments[at.TOLERANCE])
-    moments[at.TOLERANCE] -= (moments[at.TOLERANCE] - 1.0) / TOLERANCE_MEMORY
-    if moments[at.ALARM] == 0.0 and ratio > ALARM_RATIO:
-        moments[at.ALARM] = 1.0
-        moments[at.TOLERANCE] *= TOLERANCE_RISE
-        moments[at.ABSORBED] = moments[at.PULL] = 0.0
-        moments[at.OWED] = 1.0
-        status[at.ALARMED] += 1
-        root[:, :] = prior_root
-        for i in range(theta.size):
-            owed[i] = theta[i] - mean[i]
-    elif ratio < CALM_RATIO * ALARM_RATIO:
-        moments[at.ALARM] = 0.0
-
-
-@njit(cache=True)
 def _learn_rls(shape, theta, ring, law, moments, status, root, x, error, clipped, projected, r, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Recursive prediction error under a prior that is never spent, in square-root form.
 
@@ -328,6 +285,10 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     status,
     errors,
     rest,
+    kept,
+    kept_root,
+    trial,
+    hold,
 ):
     """Predict and learn over n samples, or until the range is to grow.
 
@@ -339,7 +300,7 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
         All finite; forces in normalised units.
     restart, learn : (n,) bool.
     predicted, deviation : (n,), filled with the a priori prediction and its standard deviation.
-    shape .. rest : the arrays of `Workspace`, updated in place.
+    shape .. hold : the arrays of `Workspace`, updated in place.
 
     Returns
     -------
@@ -356,6 +317,18 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
         status[at.SEEN] += 1
         scale = law[at.TOP_SPEED]
         standing = stands(rest, velocity[k], begins, scale)
+        holding = hold[at.HOLDING] == 1.0
+        if holding:
+            # Scratch that the challenger's own prediction fills anew.
+            held, held_variance = predicted_by(
+                kept[HELD], cell[k], extension[k], shape, theta, owed, errors, ring, ring_theory, status, x
+            )
+            if law_number == RLS:
+                held_variance += law[at.RESIDUAL_VARIANCE] * _project(kept_root[HELD], x, projected)
+            former, former_variance = predicted_by(
+                kept[FORMER], cell[k], extension[k], shape, theta, owed, errors, ring, ring_theory, status, x
+            )
+            hold[at.HELD_SINCE] += 1.0
         predicted[k] = regress(shape, theta, ring, ring_theory, status, extension[k], x)
         error = target[k] - predicted[k]
         variance = usual_variance(errors, cell[k], moments[at.ERROR_POWER])
@@ -365,17 +338,15 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
             variance += law[at.RESIDUAL_VARIANCE] * r
         outside = EXTRAPOLATION * beyond[k]
         deviation[k] = np.sqrt(variance + outside * outside)
+        if holding:
+            predicted[k] = held
+            deviation[k] = np.sqrt(held_variance + hold[at.HELD_POWER] + outside * outside)
         limit = CLIP * np.sqrt(moments[at.ERROR_POWER])
         clipped = min(max(error, -limit), limit)
         moving = abs(velocity[k]) > law[at.LEAST_SPEED]
         if moving:
             moments[at.ERROR_POWER] += (clipped * clipped - moments[at.ERROR_POWER]) / ERROR_MEMORY
             moments[at.ERROR_POWER] = max(moments[at.ERROR_POWER], LEAST_POWER)
-            quiet = moments[at.QUIET_POWER]
-            surprise = min(clipped * clipped, LARGEST_SURPRISE * quiet) - quiet
-            moments[at.QUIET_POWER] = max(
-                quiet + surprise / (QUIET_FALL if surprise < 0.0 else QUIET_RISE), LEAST_POWER
-            )
         if beyond[k] > 0.0:
             status[at.OUTSIDE] += 1
             status[at.FOLLOWS] = 0
@@ -409,15 +380,28 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
             continue
         if clipped != error:
             status[at.CLIPPED] += 1
+        if holding:
+            row, former_row = kept[HELD], kept[FORMER]
+            judge(
+                hold, kept, kept_root, trial, theta, owed, errors, moments, status, root, law,
+                velocity[k], cell[k], target[k] - held,
+                surprise_of(row, target[k] - held, held_variance, moments, law),
+                surprise_of(former_row, target[k] - former, former_variance, moments, law),
+                surprise_of(row, error, held_variance, moments, law),
+            )  # fmt: skip
+            if hold[at.HOLDING] == 0.0:
+                continue
+        elif (law_number == NLMS or law[at.LEAST_LEVERAGE] > 0.0) and alarming(
+            hold, kept, theta, owed, errors, moments, cell[k], error, law[at.RESIDUAL_VARIANCE] * r, law
+        ):
+            hold[at.HELD_SINCE] = 0.0
+            begin_hold(
+                hold, kept, kept_root, trial, theta, owed, errors, moments, status, root, prior_root, mean, error
+            )
+            continue
         if law_number == NLMS:
             _learn_nlms(shape, theta, ring, law, status, prior, x, clipped, gain)
             continue
-        if law[at.LEAST_LEVERAGE] > 0.0 and moving:
-            before = status[at.ALARMED]
-            expected = law[at.RESIDUAL_VARIANCE] * r
-            _watch(theta, mean, owed, root, prior_root, moments, status, clipped, expected)
-            if status[at.ALARMED] != before:
-                r = _project(root, x, projected)
         if LEAST_EXCITATION < r < LARGEST_EXCITATION:
             _learn_rls(shape, theta, ring, law, moments, status, root, x, error, clipped, projected, r, gain)
         status[at.UNPULLED] += 1

@@ -15,6 +15,7 @@ from friction_estimator.core.fit.band import COUNT, POWER
 from friction_estimator.core.intake import standstill
 from friction_estimator.core.model.structure import Model
 from friction_estimator.core.online import workspace as at
+from friction_estimator.core.online.recovery import FORMER, HELD, NEWER, OLDER, Kept
 from friction_estimator.core.online.workspace import Workspace
 from friction_estimator.core.sample import Floats
 from friction_estimator.core.settings.groups import LARGEST_PARAMETER
@@ -35,6 +36,9 @@ theoretical curve is brought to the scale of the force unit, and speeds and coun
 
 LARGEST_POWER = 1e60
 """Largest magnitude elsewhere: forces and units are within 1e12, so squared errors in units of force within 1e48."""
+
+MOMENTS_NO_MORE = (1, 2, 5)
+"""Places in the moments of version 3 that no later version has."""
 
 LARGEST_RISE = 100.0
 """Factor by which a standard deviation may exceed the prior's. None does by much: information is only
@@ -68,6 +72,8 @@ def take_over(work: Workspace, arrays: Mapping[str, Any]) -> None:
         if item.name in at.CONSTANTS:
             continue
         ours, theirs = getattr(work, item.name), arrays.get(item.name)
+        if item.name == "kept_root" and isinstance(theirs, np.ndarray) and theirs.shape == (0, *ours.shape[1:]):
+            theirs = ours  # left out where nothing depends on it
         _check_array(item.name, theirs, ours, ours.shape)
         setattr(work, item.name, np.array(theirs))
     check(work)
@@ -86,7 +92,23 @@ def check(work: Workspace) -> None:
     for name, sound in _sound(work):
         if not sound:
             raise ConfigError(f"state array {name} holds impossible counts, powers or flags")
-    _check_root(work.root, work.prior_root)
+    for root in (work.root, *(root for root in work.kept_root if root.any())):
+        _check_root(root, work.prior_root)
+
+
+def with_nothing_kept(arrays: Mapping[str, Any], work: Workspace) -> dict[str, Any]:
+    """Return the arrays of a state of version 3 as they are now: models are kept again when all is calm.
+
+    Parameters
+    ----------
+    work : of a new estimator.
+    """
+    now = dict(arrays) | {name: getattr(work, name) for name in ("kept", "kept_root", "trial", "hold")}
+    moments = now.get("moments")
+    if isinstance(moments, np.ndarray) and moments.shape == (at.MOMENTS_SIZE + len(MOMENTS_NO_MORE),):
+        now["moments"] = np.delete(moments, MOMENTS_NO_MORE)
+        now["moments"][at.TOLERANCE] = 1.0  # it referred to another alarm
+    return now
 
 
 def _check_array(name: str, theirs: Any, like: np.ndarray[Any, Any], shape: tuple[int, ...]) -> None:
@@ -102,9 +124,7 @@ def _sound(work: Workspace) -> Iterator[tuple[str, bool]]:
     counts = np.delete(status, [at.HEAD, at.BEYOND, at.MAY_GROW, at.FOLLOWS])
     yield "status", bool(np.all(counts >= 0) and status[at.HEAD] >= -1)
     yield "status", all(status[flag] in (0, 1) for flag in (at.MAY_GROW, at.FOLLOWS))
-    powers = [at.ERROR_POWER, at.QUIET_POWER, at.NEWS_POWER, at.MISFIT_POWER, at.TOLERANCE, at.ABSORBED]
-    yield "moments", bool(np.all(moments[powers] >= 0.0) and np.all(moments[powers[:2]] > 0.0))
-    yield "moments", moments[at.ALARM] in (0.0, 1.0)
+    yield "moments", _sound_powers(moments)
     yield "moments", bool(0.0 < moments[at.BACKOFF] <= 1.0 and moments[at.TOLERANCE] > 0.0)
     yield "moments", bool(0.0 <= moments[at.OWED] <= 1.0)
     yield (
@@ -113,6 +133,31 @@ def _sound(work: Workspace) -> Iterator[tuple[str, bool]]:
     )
     signed = [standstill.PREVIOUS, standstill.BEFORE, standstill.MEAN]
     yield "rest", bool(np.all(np.delete(work.rest, signed) >= 0.0))
+    hold = work.hold
+    yield "hold", bool(np.all(np.delete(hold, at.SIDE) >= 0.0) and hold[at.SIDE] in (-1.0, 0.0, 1.0))
+    yield "hold", all(hold[flag] in (0.0, 1.0) for flag in (at.HOLDING, at.HAS_FORMER))
+    yield "trial", bool(np.all(work.trial >= 0.0))
+    yield "kept", all(_sound_model(row, work) for row in work.kept if row.any())
+    # Rows are there from the first sample that an alarm could be raised at.
+    in_use = {OLDER: hold[at.CALM], NEWER: hold[at.CALM], HELD: hold[at.HOLDING], FORMER: hold[at.HAS_FORMER]}
+    needed = work.kept_root if work.root.size else np.ones((2, 1, 1))
+    yield "kept_root", all(needed[row].any() for row in (HELD, FORMER) if in_use[row])
+    yield "kept", all(work.kept[row].any() for row, used in in_use.items() if used)
+
+
+def _sound_powers(moments: Floats) -> bool:
+    powers = [at.ERROR_POWER, at.TOLERANCE, at.MISFIT_POWER, at.ABSORBED]
+    return bool(np.all(moments[powers] >= 0.0) and np.all(moments[powers[:2]] > 0.0))
+
+
+def _sound_model(row: Floats, work: Workspace) -> bool:
+    model = Kept.of(row, work)
+    return bool(
+        np.all(np.abs(model.theta) <= LARGEST_PARAMETER)
+        and np.all(np.abs(model.owed) <= 2.0 * LARGEST_PARAMETER)
+        and np.all(model.errors[:, [COUNT, POWER]] >= 0.0)
+        and _sound_powers(model.moments)
+    )
 
 
 def _check_root(root: Floats, prior_root: Floats) -> None:

@@ -14,9 +14,13 @@ SEEN, LEARNED, GUARDED, CLIPPED, OUTSIDE, ALARMED, GROWN, BEYOND, MAY_GROW, UNPU
 STATUS_SIZE = 13
 
 # Places in Workspace.moments
-ERROR_POWER, QUIET_POWER, NEWS_POWER, MISFIT_POWER, TOLERANCE, ALARM, BACKOFF = range(7)
-ABSORBED, PULL, LAST_ERROR, NEAREST, FARTHEST, OWED = range(7, 13)
-MOMENTS_SIZE = 13
+ERROR_POWER, MISFIT_POWER, TOLERANCE, BACKOFF, ABSORBED, PULL, LAST_ERROR, NEAREST, FARTHEST, OWED = range(10)
+MOMENTS_SIZE = 10
+
+# Places in Workspace.hold
+SUM, CALM, SINCE_KEPT, HOLDING, JUDGED, REVERSALS, SIDE, UNREVERSED = range(8)
+HELD_RECENT, FORMER_RECENT, HELD_POWER, HAS_FORMER, RESTORED, HELD_SINCE, ACROSS, SLOW_SUM = range(8, 16)
+HOLD_SIZE = 16
 
 # Places in Workspace.law
 STEP, FLOOR, LEAST_LEVERAGE, RESIDUAL_VARIANCE, LEAST_SPEED, TOP_SPEED = range(6)
@@ -45,14 +49,19 @@ class Workspace:
     owed : (n,), where the parameters stood over the prior's mean at the last alarm (rls), else (0,): a share
         `moments[OWED]` of it is still to be paid back.
     law : (6,), constants of the law.
-    moments : (13,): running error power, its quiet level, the part of it that the covariance did not expect, the factor
-        on the alarm's ratio, whether it is raised, lms' back-off, samples that the covariance holds, the pull towards
-        the prior that is due, the error before, the slowest and the fastest of the velocities in a row beyond an edge,
-        the share still owed, and the mean power of errors at velocities that are known.
+    moments : (10,): running error power, mean power of errors at velocities that are known, the factor on what the
+        alarm takes for usual, lms' back-off, samples that the covariance holds, the pull towards the prior that is
+        due, the error before, the slowest and the fastest of the velocities in a row beyond an edge, the share owed.
     status : (13,) int64, counters; `BEYOND` counts the samples in a row beyond one edge (negative: the lower one),
         `MAY_GROW` is 1 where the range may grow, `FOLLOWS` is 1 where the last error is that of the sample before.
     errors : (cells, 3), running errors by cell of velocity (see `fit.band`).
     rest : (11,), what tells standstill (see `intake.standstill`).
+    kept : (models, parameters + owed + 3 cells + moments), models kept aside, flat: theta, owed, errors, moments
+        (see `recovery`).
+    kept_root : (2, n, n), root of the first two of them (rls), else (2, 0, 0).
+    trial : (bins, 3), samples of a trial by bin of velocity, and the mean surprises of held model and challenger.
+    hold : (16,), the sum of the alarm, samples without alarm, samples since a model was kept, whether one is held, and
+        the figures of the trial.
     """
 
     shape: Ints
@@ -70,6 +79,10 @@ class Workspace:
     status: Ints
     errors: Floats
     rest: Floats
+    kept: Floats
+    kept_root: Floats
+    trial: Floats
+    hold: Floats
 
     def copy(self) -> "Workspace":
         """Return an independent copy."""
@@ -83,7 +96,7 @@ class Workspace:
 def cold_moments() -> Floats:
     """Return `moments` before the first sample."""
     moments = np.zeros(MOMENTS_SIZE)
-    moments[[ERROR_POWER, QUIET_POWER]] = START_POWER
+    moments[ERROR_POWER] = START_POWER
     moments[[TOLERANCE, BACKOFF]] = 1.0
     return moments
 
