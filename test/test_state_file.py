@@ -53,7 +53,21 @@ def test_a_state_of_version_3_loads_bit_for_bit():
     estimator = learned()
     assert estimator.health.samples == 1500
     assert estimator.health.learned > 1400
-    assert dumps(estimator.state()) == VERSION_3.read_bytes()
+    arrays = read_state(VERSION_3)["arrays"]
+    now = estimator.state()["arrays"]
+    assert set(now) - set(arrays) == {"kept", "kept_root", "trial", "hold"}
+    assert set(arrays) <= set(now)
+    for name in set(arrays) - {"moments"}:
+        np.testing.assert_array_equal(now[name], arrays[name], err_msg=name)
+    assert now["moments"][at.ERROR_POWER] == arrays["moments"][0]
+    np.testing.assert_array_equal(now["moments"][at.BACKOFF :], arrays["moments"][6:])
+
+
+def test_a_state_loads_bit_for_bit():
+    written = dumps(learned().state())
+    estimator = Estimator(CONFIG)
+    estimator.restore(loads(written, "state.json"))
+    assert dumps(estimator.state()) == written
 
 
 def test_flipped_bits_and_cut_files_are_refused_in_one_line():
@@ -172,8 +186,7 @@ UNSOUND = {
     "ring_theory": [(0, (1e308, -1e20))],
     "root": [((0, 0), (1e308, 1e6, np.nan)), (..., (0.0,)), (3, (0.0, 1e5))],
     "moments": [
-        (at.ERROR_POWER, (-1.0, 0.0, 1e300)), (at.QUIET_POWER, (-1e-9, 0.0)), (at.NEWS_POWER, (-1.0,)),
-        (at.MISFIT_POWER, (-1.0,)), (at.TOLERANCE, (0.0, -1.0)), (at.ALARM, (0.5, -1.0, 2.0)),
+        (at.ERROR_POWER, (-1.0, 0.0, 1e300)), (at.MISFIT_POWER, (-1.0,)), (at.TOLERANCE, (0.0, -1.0)),
         (at.BACKOFF, (0.0, 2.0)), (at.ABSORBED, (-1.0,)), (at.OWED, (-0.1, 1.1)), (at.LAST_ERROR, (1e200,)),
     ],
     "status": [
@@ -182,6 +195,9 @@ UNSOUND = {
     ],
     "errors": [((0, 0), (-1.0, 1e300)), ((0, 1), (-1.0, 1e300)), ((0, 2), (1e300,))],
     "rest": [(0, (1e300, np.nan)), (2, (-1.0,))],
+    "kept": [((0, 0), (1e300, np.nan, 0.5))],
+    "trial": [((0, 0), (-1.0, np.nan))],
+    "hold": [(at.HOLDING, (0.5, -1.0, 2.0)), (at.SUM, (-1.0,)), (at.SIDE, (3.0,)), (at.HAS_FORMER, (0.5,))],
 }  # fmt: skip
 
 
@@ -203,7 +219,8 @@ def test_an_unsound_array_is_refused_and_not_saved(name):
 
 
 def test_each_array_of_a_state_is_tried_above():
-    assert set(UNSOUND) == {item.name for item in fields(Workspace)} - set(at.CONSTANTS)
+    # kept_root is in a state only while a model is held: test_recovery.py tries it.
+    assert {*UNSOUND, "kept_root"} == {item.name for item in fields(Workspace)} - set(at.CONSTANTS)
 
 
 @pytest.mark.parametrize("law", ["lms", "nlms", "rls"])
@@ -291,7 +308,7 @@ def test_saving_begins_when_what_was_foreign_is_gone(tmp_path):
     path.unlink()
     keeper.save(learned())
     assert FAILURE not in keeper.report()
-    assert path.read_bytes() == VERSION_3.read_bytes()
+    assert path.read_bytes() == dumps(learned().state())
     path.write_text("mine")  # while the node has it
     with pytest.raises(InputError, match="no state file"):
         keeper.save(learned())
@@ -322,7 +339,7 @@ def test_a_link_stays_one(tmp_path):
     keeper.save(learned())
     keeper.close(None)
     assert (tmp_path / "link").is_symlink()
-    assert read_state(tmp_path / "state.json")["version"] == 3
+    assert read_state(tmp_path / "state.json")["version"] == 4
 
 
 def test_each_damaged_file_is_kept_under_a_name_of_its_own(tmp_path):
@@ -392,7 +409,7 @@ def test_a_second_node_loads_and_goes_on_without_saving_until_the_first_has_ende
     estimator.step(10**12, 0.05, 5.0)
     with pytest.raises(InputError, match=f"process {first.pid}"):
         keeper.save(estimator)
-    assert path.read_bytes() == VERSION_3.read_bytes()
+    assert path.read_bytes() == dumps(learned().state())
     keeper.refuse(InputError("it does not fit"))  # it is not this node's to keep
     assert os.path.exists(path)
     first.kill()
@@ -413,7 +430,7 @@ def test_an_unsound_state_is_not_saved_over_a_sound_one(tmp_path):
     with pytest.raises(ConfigError, match="not finite"):
         keeper.save(estimator)
     keeper.close(estimator)
-    assert path.read_bytes() == VERSION_3.read_bytes()
+    assert path.read_bytes() == dumps(learned().state())
     assert "not finite" in keeper.report()[FAILURE]
 
 

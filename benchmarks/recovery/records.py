@@ -1,4 +1,4 @@
-"""Records that recovery is measured on: a drive of two sines with a simple law, and plants that nothing was tuned on."""
+"""Records that recovery is measured on: a drive of two sines with a simple law, and plants that were not tuned on."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

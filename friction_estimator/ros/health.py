@@ -179,6 +179,9 @@ class Health:
             values |= _account(stream.estimator, curve)
             if stream.predictions:
                 values["velocity seen (m/s)"] = _interval(stream.velocity_seen)
+            if health.held:
+                level = DiagnosticStatus.WARN
+                words = f"learning held since {health.held} samples: bad data, or friction has changed"
             outside, grown = self._grown("outside", health.outside), self._grown("grown", health.grown)
             if grown:
                 self._node.get_logger().info(f"speeds beyond the range: it is {_reach(stream.estimator)} m/s now")
@@ -262,7 +265,9 @@ def _account(estimator: Estimator, curve: Curve | None) -> dict[str, Any]:
         "learned from": health.learned,
         "divergence guard": health.guarded,
         "outliers clipped": health.clipped,
-        "abrupt changes": health.alarmed,
+        "alarms: learning held": health.alarmed,
+        "alarms: the former model went on": health.restored,
+        "learning held since (samples)": health.held,
         "outside velocity range": health.outside,
         "at standstill, not learned from": health.stood,
         "velocity range (m/s)": _reach(estimator),
