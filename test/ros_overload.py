@@ -48,6 +48,8 @@ def judge_overload(graph, weights_level, *, seconds, rate_hz):
     feeder.acknowledged()
 
     def settled():
+        if not told:
+            return None
         values = estimator_values(told[-1][1])
         accounted = sum(int(values[k]) for k in ("predictions", "samples dropped, too slow", "samples waiting"))
         return values if accounted == sent else None
