@@ -160,7 +160,8 @@ class Candidates:
             one_sign |= set(fitted)
         known = {name for name, value in fitted.items() if value.low > 0.0 or value.high < 0.0}
         sizes = set(fitted) - set(term.effect.refined)
-        return one_sign <= known and (not sizes or bool(sizes & known))
+        told_by_sizes = bool(sizes) and term.weights.size <= len(sizes)  # a free shape may cancel in each of them
+        return one_sign <= known and (not told_by_sizes or bool(sizes & known))
 
 
 def signs_kept(joint: Joint) -> bool:

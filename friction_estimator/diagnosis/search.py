@@ -52,10 +52,13 @@ the rig, must not hide a second one."""
 CLOSE = 0.6
 """Of the best gain: what a candidate of another family must bring to be compared with the best one cause ahead."""
 
-OPTIONS, FOLLOWERS = 3, 2
+OPTIONS, FOLLOWERS = 2, 2
 """Candidates that are compared so, the best included, and effects that are fitted beside each."""
 
 MOST_CAUSES = 5
+
+MOST_REFUSED = 3
+"""Best candidates in a row that may be refused before the search ends."""
 
 MOST_ALIKE = 3
 """Effects that only the angles between columns call rivals, and that are fitted to confirm it."""
@@ -162,6 +165,8 @@ class Searcher:
             by_data = best.held_N2 > view.needed.get(best.name, view.least)
             if not self._admitted(model, best, by_data, causes):
                 refused.add(best.name)
+                if len(refused) == MOST_REFUSED:
+                    break
                 continue
             if best.effect.channel and best.effect.channel not in self.context.channels:
                 asked.append(best.name)
@@ -274,9 +279,12 @@ class Searcher:
     def _ahead(self, best: Candidate, fits: Mapping[str, Candidate]) -> Candidate:
         """Return the candidate that explains most together with the cause that would come after it.
 
-        Looked at only where another family comes close and the best one leaves more than noise. A cause more must
-        bring its share, and a parameter more what it brings beyond chance.
+        Looked at only where another family comes close and the best one leaves more than noise; what was recorded is
+        not given up for what nobody saw. A cause more must bring its share, and a parameter more what it brings beyond
+        chance.
         """
+        if best.effect.recorded:
+            return best
         close = [
             c
             for c in sorted(fits.values(), key=lambda c: -c.gain)
