@@ -39,7 +39,7 @@ def info(path, capsys, *words):
     return code, json.loads(printed.out), printed.err
 
 
-def test_a_type_that_is_no_text_is_shown_as_it_stands(tmp_path, capsys):
+def test_a_type_that_is_no_text_is_refused_in_one_line(tmp_path, capsys):
     """metadata.yaml of a recording is edited by people: `type: 1.5` is a number."""
     path = tmp_path / "bag"
     write_samples(path, drive(sine(2000), pressure_Pa=np.full(2000, 1e5)))
@@ -47,8 +47,11 @@ def test_a_type_that_is_no_text_is_shown_as_it_stands(tmp_path, capsys):
     text = about.read_text()
     assert "sensor_msgs/msg/FluidPressure" in text
     about.write_text(text.replace("sensor_msgs/msg/FluidPressure", "1.5"))
-    assert main(["info", str(path)]) == 0
-    assert "/pressure  1.5  2000" in capsys.readouterr().out
+    assert main(["info", str(path)]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.count("\n") == 1
+    assert "metadata.yaml" in said.err
 
 
 def test_a_channel_of_absurd_values_is_told_and_not_used(tmp_path, capsys):

@@ -19,3 +19,8 @@ def test_a_basis_of_4000_weights_at_1_khz(tmp_path):
     assert found["longest_pause_s"] < 1.5
     assert found["answered_s"] < 2.0
     assert found["stopped_s"] < 3.0
+
+
+def test_a_basis_of_2000_weights_at_3_khz(tmp_path):
+    with ros_graph.graph(tmp_path) as graph:
+        judge_overload(graph, -5, seconds=2.0, rate_hz=3000.0)
