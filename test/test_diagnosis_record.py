@@ -122,7 +122,8 @@ def test_standstill_is_masked_and_said():
     np.testing.assert_array_equal(record.standstill, rests)
     np.testing.assert_array_equal(record.used, ~rests)
     assert any("stands for" in note for note in assess(record, record.context(Config(), 1.0)).notes)
-    assert not build_record([samples], Config()).standstill.any()
+    moving = build_record([samples], Config()).standstill
+    assert not moving[1:].any()  # the first sample comes before the shaft first moves
 
 
 def test_a_wrapped_position_is_unwrapped_for_callers_without_an_intake_and_noted():
