@@ -8,8 +8,8 @@ and id of its effect; only what it does to the signals differs.
 from dataclasses import replace
 
 import numpy as np
-from numba import njit
 
+from friction_estimator.compiled import njit
 from friction_estimator.effects import EFFECTS, Effect, Trace
 from friction_estimator.effects.kernels import maxwell, play, rest_spike
 

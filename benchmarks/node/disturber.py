@@ -3,14 +3,13 @@
 python disturber.py
 """
 
-import signal
-
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import SetParameters
 from rclpy.experimental import EventsExecutor
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
+from serving import serve
 from std_msgs.msg import Float64MultiArray
 
 NODE = "/friction_estimator"
@@ -33,17 +32,7 @@ def main() -> None:
             client.call_async(SetParameters.Request(parameters=[parameter.to_parameter_msg()]))
 
     node.create_timer(1.0, set_one)
-    stopping = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stopping.append(True))
-    executor = EventsExecutor()
-    executor.add_node(node)
-    node.get_logger().info("disturbing")
-    while not stopping:
-        executor.spin_once(timeout_sec=0.1)
-    executor.remove_node(node)
-    node.destroy_node()
-    rclpy.shutdown()
+    serve(node, EventsExecutor(), "disturbing")
 
 
 if __name__ == "__main__":

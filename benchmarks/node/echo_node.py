@@ -3,7 +3,6 @@
 python echo_node.py events|single raw|typed
 """
 
-import signal
 import sys
 
 import rclpy
@@ -13,6 +12,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import FluidPressure, JointState, Temperature
+from serving import serve
 from std_msgs.msg import Float64MultiArray
 
 
@@ -40,17 +40,7 @@ def main(executor_kind: str, message_kind: str) -> None:
     node.create_subscription(WrenchStamped, "friction", echo, qos, raw=raw)
     for kind, topic in ((FluidPressure, "pressure"), (Temperature, "temperature"), (JointState, "position")):
         node.create_subscription(kind, topic, pass_over, qos, raw=raw)
-    stopping = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stopping.append(True))
-    executor = EventsExecutor() if executor_kind == "events" else SingleThreadedExecutor()
-    executor.add_node(node)
-    node.get_logger().info("listening")
-    while not stopping:
-        executor.spin_once(timeout_sec=0.1)
-    executor.remove_node(node)
-    node.destroy_node()
-    rclpy.shutdown()
+    serve(node, EventsExecutor() if executor_kind == "events" else SingleThreadedExecutor(), "listening")
 
 
 if __name__ == "__main__":

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from friction_estimator.compiled import njit
 from friction_estimator.core.fit.baselines import fit_baselines, scores
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -16,7 +16,7 @@ from friction_estimator.cli.terminal import EXIT_CODES, Parser, say, say_documen
 from friction_estimator.core.errors import InputError
 from friction_estimator.core.settings.config import Config, retired
 from friction_estimator.core.text import shown
-from friction_estimator.documents.configuration import read_config, read_parameters
+from friction_estimator.documents.configuration import config_of, read_parameters
 from friction_estimator.output.run import RunOutput
 from friction_estimator.output.staging import Refusal
 
@@ -78,8 +78,9 @@ def config_from(args: argparse.Namespace, overrides: Mapping[str, object] | None
     """Return the configuration: `--config`, then `--joint` and `overrides` (dotted names; None is no override)."""
     config = Config()
     if args.config:
-        config = read_config(args.config)
-        for line in retired(read_parameters(args.config)):
+        given = read_parameters(args.config)
+        config = config_of(given, args.config)
+        for line in retired(given):
             warn(f"{args.config}: {line}")
     values = dict(overrides or {})
     if args.joint is not None:

@@ -53,9 +53,7 @@ def refusal(folder: Path) -> str | None:
     from friction_estimator.report.style import SUFFIXES  # noqa: PLC0415
 
     figures = only({*EFFECTS, REMAINDER}, SUFFIXES)
-    return Layout("summary.json", _MARK, frozenset({"report.html", "extended.yaml"}), {"figures": figures}).refusal(
-        folder
-    )
+    return Layout("summary.json", _MARK, frozenset({"report.html", EXTENDED}), {"figures": figures}).refusal(folder)
 
 
 def _run(args: argparse.Namespace, output: common.Output) -> int:

@@ -17,7 +17,7 @@ from friction_estimator.core.online.replay import Replay
 from friction_estimator.core.sample import Floats, Ints
 from friction_estimator.core.text import shown
 from friction_estimator.documents.configuration import write_config
-from friction_estimator.output.layout import Layout, only
+from friction_estimator.output.layout import Layout, only, strange
 from friction_estimator.report.figures import FIGURES, write_figures
 from friction_estimator.report.html import Section, write_page
 from friction_estimator.report.style import SUFFIXES
@@ -32,7 +32,7 @@ def _recordings_refusal(folder: Path) -> str | None:
     if reason is not None and not (folder / "metadata.yaml").exists():
         for item in sorted(folder.iterdir()):
             if not item.is_dir() or item.is_symlink():
-                return f"{item} is not part of the results; move it out, or choose another --out"
+                return strange(item)
             reason = own.refusal(item)
             if reason is not None:
                 break

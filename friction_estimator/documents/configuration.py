@@ -116,7 +116,11 @@ def flatten(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 def read_config(path: str | os.PathLike[str]) -> Config:
     """Read a configuration; ROS's own parameters in it (use_sim_time, qos_overrides) are passed over."""
-    values = read_parameters(path)
+    return config_of(read_parameters(path), path)
+
+
+def config_of(values: Mapping[str, Any], path: str | os.PathLike[str]) -> Config:
+    """Return the configuration of parameters that were read from `path`, which a ConfigError names."""
     ours = {k: v for k, v in values.items() if k != "use_sim_time" and not k.startswith("qos_overrides.")}
     try:
         return Config.from_mapping(ours)

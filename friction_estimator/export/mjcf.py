@@ -5,7 +5,6 @@ from typing import ClassVar
 from friction_estimator.export.formats import FORMATS, Exported
 from friction_estimator.export.learned import Learned
 from friction_estimator.export.simplified import coulomb_viscous
-from friction_estimator.export.urdf import comment_of
 
 SOLIMPFRICTION = "0.9999 0.9999 0.001"
 """With the solver's default impedance a joint below breakaway creeps by about 1e-3 F/m in a second; this makes it a
@@ -27,13 +26,10 @@ class MujocoJoint:
     def write(learned: Learned) -> Exported:
         """Return a model that holds the class only: <include> it, and name the class in a joint."""
         found = coulomb_viscous(learned)
-        comment = comment_of(
+        comment = found.comment(
             learned,
-            found,
-            [
-                '<include file="..."/> this file into a model, and give its joint class="learned_friction".',
-                "solimpfriction keeps the joint from creeping below breakaway, solreffriction from coasting on.",
-            ],
+            '<include file="..."/> this file into a model, and give its joint class="learned_friction".',
+            "solimpfriction keeps the joint from creeping below breakaway, solreffriction from coasting on.",
         )
         joint = (
             f'<joint frictionloss="{found.coulomb_N!r}" damping="{found.viscous_N_s_m!r}" '

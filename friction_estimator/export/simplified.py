@@ -1,7 +1,7 @@
 """Coulomb, Stribeck and viscous parameters of a recording, with intervals."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -9,7 +9,7 @@ from scipy.optimize import nnls
 from scipy.stats import t as student
 
 from friction_estimator.core.errors import UnanswerableError
-from friction_estimator.core.fit.baselines import BASELINES, StaticCurve, fit_baselines
+from friction_estimator.core.fit.baselines import BASELINES, Shape, StaticCurve, fit_baselines
 from friction_estimator.core.sample import Floats
 from friction_estimator.export.learned import Learned
 
@@ -70,27 +70,26 @@ def _fitted(form: str, velocity: Floats, friction: Floats) -> StaticCurve:
     """Return the curve of a form: its shape is that of `fit_baselines`, its coefficients are plain least squares."""
     parameters = dict(fit_baselines(velocity, friction, (form,))[form].parameters)
     kind = BASELINES[form]
-    columns = [np.tanh(velocity / parameters["width_m_s"]), velocity]
+    shape = Shape(parameters["width_m_s"])
     if kind.stribeck:
-        decay = np.exp(-(np.abs(velocity / parameters["stribeck_m_s"]) ** parameters["stribeck_exponent"]))
-        columns.append(columns[0] * decay)
+        shape = replace(shape, stribeck=parameters["stribeck_m_s"], exponent=parameters["stribeck_exponent"])
+    columns = kind.columns(velocity, shape)
     if kind.asymmetric:
         for way, here in (("pos", velocity >= 0.0), ("neg", velocity < 0.0)):
-            found = _least_squares([column[here] for column in columns], friction[here])
+            found = _least_squares(columns[: len(kind.odd), here], friction[here])
             for name, value in zip(kind.odd, found, strict=True):
                 stem, unit = name.split("_", 1)
                 parameters[f"{stem}_{way}_{unit}"] = float(value)
     else:
-        found = _least_squares([*columns, np.ones(velocity.size)], friction)
+        found = _least_squares(columns, friction)
         parameters |= dict(zip([*kind.odd, "offset_N"], map(float, found), strict=True))
     return StaticCurve(form, parameters)
 
 
-def _least_squares(columns: list[Floats], values: Floats) -> Floats:
+def _least_squares(columns: Floats, values: Floats) -> Floats:
     """Return the coefficients; columns that the samples do not tell apart share what they explain (least norm)."""
-    matrix = np.stack(columns)
-    scale = np.maximum(np.sqrt(np.mean(np.square(matrix), axis=1)), np.finfo(float).tiny)
-    matrix = matrix / scale[:, None]
+    scale = np.maximum(np.sqrt(np.mean(np.square(columns), axis=1)), np.finfo(float).tiny)
+    matrix = columns / scale[:, None]
     return np.asarray(np.linalg.lstsq(matrix @ matrix.T, matrix @ values, rcond=1e-10)[0] / scale)
 
 
@@ -120,6 +119,20 @@ class CoulombViscous:
             f"TOO SIMPLE for this drive{falls}: the learned static curve errs by {static:.4g} N.",
             "Where the simulator can take a look-up table, use that of format csv or the code of format c.",
         ]
+
+    def comment(self, learned: Learned, *usage: str) -> str:
+        """Return the XML comment of a robot description: source, error, what it leaves out, and how to use it."""
+        lines = [
+            f"Friction learned by friction_estimator, from {learned.name}.",
+            *learned.cost(self.error_rms_N),
+            f"Left out: an offset of {self.offset_N:.4g} N, whatever differs between the directions, "
+            "the dip of Stribeck,",
+            "and all memory.",
+            *self.advice(learned),
+            *usage,
+        ]
+        text = "\n     ".join(line.replace("--", "- -") for line in lines)  # all that XML forbids in a comment
+        return f"<!-- {text} -->\n"
 
 
 def coulomb_viscous(learned: Learned) -> CoulombViscous:

@@ -4,7 +4,7 @@ from typing import ClassVar
 
 from friction_estimator.export.formats import FORMATS, Exported
 from friction_estimator.export.learned import Learned
-from friction_estimator.export.simplified import CoulombViscous, coulomb_viscous
+from friction_estimator.export.simplified import coulomb_viscous
 
 
 @FORMATS.named("urdf")
@@ -18,27 +18,10 @@ class UrdfDynamics:
     def write(learned: Learned) -> Exported:
         """Return the element with a comment before it."""
         found = coulomb_viscous(learned)
-        comment = comment_of(
+        comment = found.comment(
             learned,
-            found,
-            [
-                "Put the element into a <joint>. `friction` is the Coulomb level; simulators differ in what they make",
-                "of it, and forces that a controller commands may bypass it.",
-            ],
+            "Put the element into a <joint>. `friction` is the Coulomb level; simulators differ in what they make",
+            "of it, and forces that a controller commands may bypass it.",
         )
         element = f'<dynamics damping="{found.viscous_N_s_m!r}" friction="{found.coulomb_N!r}"/>'
         return Exported(f"{comment}{element}\n", found.error_rms_N)
-
-
-def comment_of(learned: Learned, found: CoulombViscous, advice: list[str]) -> str:
-    """Return the comment of a robot description: source, error, and what it leaves out."""
-    lines = [
-        f"Friction learned by friction_estimator, from {learned.name}.",
-        *learned.cost(found.error_rms_N),
-        f"Left out: an offset of {found.offset_N:.4g} N, whatever differs between the directions, the dip of Stribeck,",
-        "and all memory.",
-        *found.advice(learned),
-        *advice,
-    ]
-    text = "\n     ".join(line.replace("--", "- -") for line in lines)  # a comment's end is all that XML forbids in it
-    return f"<!-- {text} -->\n"

@@ -36,7 +36,7 @@ class Layout:
         if not self._is_marked(folder / self.document):
             return "a folder that does not hold such results stands there; choose another --out"
         for item in inside:
-            reason: str | None = _strange(item)
+            reason: str | None = strange(item)
             if item.name in self.folders and item.is_dir() and not item.is_symlink():
                 reason = self.folders[item.name](item)
             elif (item.name == self.document or item.name in self.files) and _is_plain(item):
@@ -58,7 +58,7 @@ def only(stems: Collection[str], suffixes: Collection[str]) -> Refusal:
     def refusal(folder: Path) -> str | None:
         for item in sorted(folder.iterdir()):
             if not _is_plain(item) or item.stem not in stems or item.suffix not in suffixes:
-                return _strange(item)
+                return strange(item)
         return None
 
     return refusal
@@ -68,5 +68,6 @@ def _is_plain(path: Path) -> bool:
     return path.is_file() and not path.is_symlink()
 
 
-def _strange(item: Path) -> str:
+def strange(item: Path) -> str:
+    """Return why a folder with this in it is not replaced."""
     return f"{item} is not part of the results; move it out, or choose another --out"

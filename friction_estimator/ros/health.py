@@ -17,10 +17,8 @@ from friction_estimator.core.text import LONGEST_NAME, shown
 from friction_estimator.ros.load import Account, Load
 from friction_estimator.ros.silence import Finding, Findings, explain, stamp_offset_s
 from friction_estimator.ros.sources import Source
+from friction_estimator.ros.state_keeper import FAILURE
 from friction_estimator.ros.stream import SampleStream
-
-FAILURE = "state file failure"
-"""Key under which a `StateKeeper` reports that a save or a load went wrong."""
 
 FASTER = "use a smaller basis (basis.*, fir.order), a cheaper model.law, or fewer samples a second"
 
