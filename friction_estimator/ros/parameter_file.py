@@ -58,7 +58,7 @@ def _left_out(item: Parameter) -> bool:
 def _words(item: Parameter) -> str:
     facts = []
     if item.unit:
-        facts.append(item.unit)
+        facts.append(item.units)
     if math.isfinite(item.low) or math.isfinite(item.high):
         facts.append(f"{item.low:g} to {item.high:g}")
     facts.append(item.acts)

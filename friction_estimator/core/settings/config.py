@@ -9,7 +9,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.quantities import LINEAR, ROTARY, Quantities
 from friction_estimator.core.settings.groups import (
+    AUTO,
     LARGEST_FORCE_N,
     LEAST_FORCE_N,
     BasisConfig,
@@ -40,6 +42,7 @@ class Config:
         0.0,
         "Force of one normalised unit (the expected rms of friction). 0: that of the first contact.",
         unit="N",
+        of_drive=True,
         low=0.0,
         high=LARGEST_FORCE_N,
         least=LEAST_FORCE_N,
@@ -99,7 +102,7 @@ class Config:
             )
         for room, ends in (("basis", self.basis.velocity_range), ("learned", self.learned.velocity_range)):
             if ends and (len(ends) != 2 or not ends[0] < ends[1]):
-                raise ConfigError(f"{room}.velocity_range is {list(ends)}: give [lowest, highest] in m/s, lowest first")
+                raise ConfigError(f"{room}.velocity_range is {list(ends)}: give [lowest, highest], lowest first")
         if self.learned.wavelet_weights and not self.is_met:
             raise ConfigError(
                 "learned.wavelet_weights come without the range and unit that they were learned in: give "
@@ -132,6 +135,12 @@ class Config:
     def unit_N(self) -> float:
         """Force of one normalised unit, N; 0 before the first contact."""
         return self.force_unit or self.learned.force_unit
+
+    @property
+    def quantities(self) -> Quantities:
+        """What the drive's numbers are; where `input.motion` is auto, by the inputs' mode."""
+        rotary = self.input.mode == "joint_state" if self.input.motion == AUTO else self.input.motion == ROTARY
+        return Quantities(ROTARY if rotary else LINEAR)
 
     @property
     def is_met(self) -> bool:

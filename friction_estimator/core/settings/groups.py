@@ -6,7 +6,11 @@ documentation; `config` puts them together.
 
 from dataclasses import dataclass
 
+from friction_estimator.core.quantities import LINEAR, ROTARY
 from friction_estimator.core.settings.setting import setting
+
+AUTO = "auto"
+"""Value of a setting that what is met decides."""
 
 LARGEST_SPEED, LEAST_SPEED = 1e9, 1e-12
 """Speeds, m/s or rad/s, that are no slip of the pen: squares and ratios of them stay numbers."""
@@ -52,6 +56,7 @@ class BasisConfig:
         "Velocities that g covers, [lowest, highest]: fixed. Outside, g is held at the edge, nothing is learned, and "
         "the diagnostics say so. Empty: those of the first contact, and it grows with the speeds that follow.",
         unit="m/s",
+        of_drive=True,
         low=-LARGEST_SPEED,
         high=LARGEST_SPEED,
         least=LEAST_SPEED,
@@ -61,6 +66,7 @@ class BasisConfig:
         "Velocity of one basis unit (at standstill, where velocity is companded). 0: the range of the first contact, "
         "or the one given, divided into 16 units.",
         unit="m/s per basis unit",
+        of_drive=True,
         low=0.0,
         high=LARGEST_SPEED,
         least=LEAST_SPEED,
@@ -233,7 +239,15 @@ class InputConfig:
         choices=("stamped", "joint_state", "float64"),
         live=True,
     )
-    axis: str = setting("x", "Axis of twist.linear and wrench.force.", choices=("x", "y", "z"), live=True)
+    motion: str = setting(
+        AUTO,
+        "What moves: linear (m/s, N; twist.linear and wrench.force of stamped inputs) or rotary (rad/s, N m; "
+        "twist.angular and wrench.torque). auto: of stamped inputs the first message that tells, with one of the two "
+        "at zero; of a JointState rotary, unless /robot_description has its joint as prismatic; else linear.",
+        choices=(AUTO, LINEAR, ROTARY),
+        live=True,
+    )
+    axis: str = setting("x", "Axis of twist and wrench.", choices=("x", "y", "z"), live=True)
     joint: str = setting("", "Joint name in JointState messages; empty: the only joint.", live=True)
     friction_sign: int = setting(
         1,
@@ -321,6 +335,7 @@ class LearnedConfig:
         (),
         "Velocities that g covers by what was seen, where basis.velocity_range is empty.",
         unit="m/s",
+        of_drive=True,
         low=-LARGEST_SPEED,
         high=LARGEST_SPEED,
         least=LEAST_SPEED,
@@ -331,6 +346,7 @@ class LearnedConfig:
         0.0,
         "Largest speed of the first contact: it sets basis unit and companding. 0: not met yet.",
         unit="m/s",
+        of_drive=True,
         low=0.0,
         high=LARGEST_SPEED,
         least=LEAST_SPEED,
@@ -341,6 +357,7 @@ class LearnedConfig:
         0.0,
         "Usual friction of the first contact, where force_unit is 0. 0: not met yet.",
         unit="N",
+        of_drive=True,
         low=0.0,
         high=LARGEST_FORCE_N,
         least=LEAST_FORCE_N,

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, cast, get_type_hints
 
 from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.quantities import LINEAR, ROTARY, Quantities
 from friction_estimator.core.text import LONGEST_NAME, shown
 
 LONGEST_TEXT = 4096
@@ -19,6 +20,7 @@ def setting(
     description: str,
     *,
     unit: str = "",
+    of_drive: bool = False,
     low: float = -math.inf,
     high: float = math.inf,
     least: float = 0.0,
@@ -33,12 +35,14 @@ def setting(
     `live` settings act at once on a running node; the others act at the next reset. `learned` ones are
     written by the estimator itself. A `path` names a file on this machine, relative to the file that holds it, which a
     client elsewhere may change only where `files.remote` says so; what is `at_start` only can never be changed on a
-    running node. `low` and `high` are inclusive and hold for every element of an array; what is not 0 is at least
+    running node. A unit `of_drive` is that of a linear drive; of a rotary one it is what `Quantities.unit` makes of it.
+    `low` and `high` are inclusive and hold for every element of an array; what is not 0 is at least
     `least` in size.
     """
     meta = {
         "description": description,
         "unit": unit,
+        "of_drive": of_drive,
         "low": low,
         "high": high,
         "least": least,
@@ -60,6 +64,7 @@ class Parameter:
     default: Value
     description: str
     unit: str
+    of_drive: bool
     low: float
     high: float
     least: float
@@ -86,6 +91,15 @@ class Parameter:
             return "at start only"
         when = "at once" if self.live else "at ~/reset"
         return f"{when}, changed on a running node only with files.remote" if self.path else when
+
+    @property
+    def units(self) -> str:
+        """Unit in words where it is not known what moves, such as "m/s or rad/s"; empty where there is none."""
+        return " or ".join(dict.fromkeys(self.unit_in(Quantities(motion)) for motion in (LINEAR, ROTARY)))
+
+    def unit_in(self, quantities: Quantities) -> str:
+        """Return the unit where the drive has these quantities."""
+        return quantities.unit(self.unit) if self.of_drive else self.unit
 
     def of(self, config: object) -> Value:
         """Return this parameter's value in `config`."""
@@ -129,7 +143,7 @@ class Parameter:
         return value
 
     def _check_size(self, value: float, where: str) -> None:
-        unit = f" {self.unit}" if self.unit else ""
+        unit = f" {self.units}" if self.unit else ""
         if not self.low <= value <= self.high:
             raise ConfigError(f"{where}: {value} is out of range [{self.low:g}, {self.high:g}]{unit}")
         if 0.0 < abs(value) < self.least:
