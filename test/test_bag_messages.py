@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
+from friction_estimator.bag.joint_arrays import CHOOSE_JOINT
 from friction_estimator.bag.layout import SLACK
 from friction_estimator.bag.messages import (
     AXES,
-    CHOOSE_JOINT,
     EXTRACTORS,
     INPUTS,
     Decoder,

@@ -53,6 +53,12 @@ class Layout:
     frame_id: str
     joint: str
 
+    def fits(self, raw: bytes) -> bool:
+        """Whether another message has this layout, too."""
+        if len(raw) != self.length:
+            return False
+        return all(raw[place : place + len(content)] == content for place, content in self.fixed)
+
 
 class Cursor:
     """Walk through one serialised message.

@@ -5,13 +5,14 @@ A new message type is one line in `EXTRACTORS`.
 
 import struct
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from friction_estimator.bag.joint_arrays import JointArrays
 from friction_estimator.bag.layout import Cursor, Layout, LayoutError, NoValueError
 from friction_estimator.core.registry import Registry
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Ints
@@ -21,9 +22,6 @@ Rows = NDArray[np.uint8]
 INPUTS = ("velocity", "friction", "pressure", "temperature", "position")
 
 AXES = ("x", "y", "z")
-
-CHOOSE_JOINT = "choose one with --joint"
-"""Ends every reason that another choice of joint removes."""
 
 _MANY_LAYOUTS = 8
 """Layouts looked for in one batch before its remaining messages are read one by one."""
@@ -93,28 +91,12 @@ class JointStates:
 
     def locate(self, cursor: Cursor, want: Want) -> Layout:
         """Return where the wanted joint's quantity stands; `absence` says why it does not."""
-        cursor.header()
-        names = [cursor.string() for _ in range(cursor.count())]
-        position, velocity, effort = cursor.array(), cursor.array(), cursor.array()
-        cursor.end()
-        label, (start, count) = {
-            "position": ("position", position),
-            "velocity": ("velocity", velocity),
-            "friction": ("effort", effort),
-        }[want.quantity]
-        if not names:
-            return cursor.layout(None, "joint names are empty" + ("" if count else f" and {label} is empty"))
-        if not want.joint and len(names) > 1:
-            return cursor.layout(None, f"several joints ({', '.join(names)}): {CHOOSE_JOINT}")
-        if want.joint and want.joint not in names:
-            return cursor.layout(None, f"no joint {want.joint!r} among {', '.join(names)}: {CHOOSE_JOINT}")
-        index = names.index(want.joint) if want.joint else 0
-        cursor.joint = names[index]
-        if not count:
-            return cursor.layout(None, f"{label} is empty")
-        if index >= count:
-            return cursor.layout(None, f"{label} has {count} values for {len(names)} joints")
-        return cursor.layout(start + 8 * index)
+        arrays = JointArrays.walk(cursor)
+        try:
+            cursor.joint = arrays.named(want.joint, want.quantity)
+            return cursor.layout(arrays.place(cursor.joint, want.quantity))
+        except NoValueError as error:
+            return cursor.layout(None, str(error))
 
 
 EXTRACTORS: Registry[Extractor] = Registry("message type")
@@ -195,12 +177,7 @@ class Decoder:
 
     def _layout_of(self, raw: bytes) -> Layout:
         layout = self._layout
-        if layout is None or len(raw) != layout.length:
-            return self._learn(raw)
-        for place, content in layout.fixed:
-            if raw[place : place + len(content)] != content:
-                return self._learn(raw)
-        return layout
+        return layout if layout is not None and layout.fits(raw) else self._learn(raw)
 
     def one(self, raw: bytes) -> tuple[int | None, float]:
         """Return (header stamp in ns or None, value in SI units) of one message.
@@ -219,55 +196,66 @@ class Decoder:
 
     def many(self, messages: Rows | Sequence[bytes]) -> Decoded:
         """Return the numbers of messages: (n, length) uint8, one a row, or bytes of any lengths. Raises LayoutError."""
-        if isinstance(messages, np.ndarray):
-            return self._rows(messages)
         n = len(messages)
-        lengths = np.fromiter(map(len, messages), np.int64, n)
-        kinds = np.unique(lengths)
-        if kinds.size == 1:
-            return self._rows(np.frombuffer(b"".join(messages), np.uint8).reshape(n, kinds[0]))
         stamps, value, present = np.zeros(n, np.int64), np.full(n, np.nan), np.zeros(n, np.bool_)
-        for length in kinds:
-            own = np.flatnonzero(lengths == length)
-            joined = b"".join([messages[k] for k in own.tolist()])
-            part = self._rows(np.frombuffer(joined, np.uint8).reshape(own.size, length))
-            value[own], present[own] = part.value, part.present
-            if part.stamp_ns is not None:
-                stamps[own] = part.stamp_ns
-        return Decoded(stamps if self._extractor.stamped else None, value, present)
-
-    def _rows(self, rows: Rows) -> Decoded:
-        n = rows.shape[0]
-        stamps, value, present = np.zeros(n, np.int64), np.full(n, np.nan), np.zeros(n, np.bool_)
-        left = np.arange(n)
-        for _ in range(_MANY_LAYOUTS):
-            if not left.size:
-                break
-            layout = self._layout_of(rows[left[0]].tobytes())
-            rest = rows if left.size == n else rows[left]
-            alike = np.ones(left.size, np.bool_)
-            for place, content in layout.fixed:
-                template = np.frombuffer(content, np.uint8)
-                alike &= np.all(rest[:, place : place + len(content)] == template, axis=1)
-            own, same = left[alike], rest[alike]
+        for own, rows, layout in by_layout(messages, self._layout_of):
             if layout.stamp_at is not None:
-                seconds = _column(same, layout.stamp_at, layout.order + layout.stamp_code)
-                nanoseconds = _column(same, layout.stamp_at + 4, layout.order + "I")
-                stamps[own] = seconds.astype(np.int64) * NS_PER_S + nanoseconds
+                stamps[own] = stamps_of(rows, layout)
             if layout.value_at is None:
                 self.absences[layout.absence] += own.size
             else:
-                value[own] = _column(same, layout.value_at, layout.order + "d")
+                value[own] = _column(rows, layout.value_at, layout.order + "d")
                 present[own] = True
-            left = left[~alike]
-        for k in left.tolist():
-            try:
-                stamp, value[k] = self.one(rows[k].tobytes())
-            except NoValueError:
-                continue
-            present[k] = True
-            stamps[k] = stamp or 0
         return Decoded(stamps if self._extractor.stamped else None, value, present)
+
+
+def by_layout(
+    messages: Rows | Sequence[bytes], layout_of: Callable[[bytes], Layout]
+) -> Iterator[tuple[NDArray[np.intp], Rows, Layout]]:
+    """Yield the messages in groups of one layout: their indices, themselves as (n, length) uint8, and the layout.
+
+    Parameters
+    ----------
+    messages : (n, length) uint8, one a row, or bytes of any lengths.
+    layout_of : finds the layout of one message.
+    """
+    if isinstance(messages, np.ndarray):
+        yield from _alike(np.arange(messages.shape[0]), messages, layout_of)
+        return
+    lengths = np.fromiter(map(len, messages), np.int64, len(messages))
+    for length in np.unique(lengths):
+        own = np.flatnonzero(lengths == length)
+        joined = b"".join(messages if own.size == len(messages) else [messages[k] for k in own.tolist()])
+        yield from _alike(own, np.frombuffer(joined, np.uint8).reshape(own.size, length), layout_of)
+
+
+def _alike(
+    numbers: NDArray[np.intp], rows: Rows, layout_of: Callable[[bytes], Layout]
+) -> Iterator[tuple[NDArray[np.intp], Rows, Layout]]:
+    """Yield rows of one length in groups of one layout, under their numbers."""
+    for _ in range(_MANY_LAYOUTS):
+        if not numbers.size:
+            return
+        layout = layout_of(rows[0].tobytes())
+        alike = np.ones(numbers.size, np.bool_)
+        for place, content in layout.fixed:
+            template = np.frombuffer(content, np.uint8)
+            alike &= np.all(rows[:, place : place + len(content)] == template, axis=1)
+        if alike.all():
+            yield numbers, rows, layout
+            return
+        yield numbers[alike], rows[alike], layout
+        numbers, rows = numbers[~alike], rows[~alike]
+    for k in range(numbers.size):
+        yield numbers[k : k + 1], rows[k : k + 1], layout_of(rows[k].tobytes())
+
+
+def stamps_of(rows: Rows, layout: Layout) -> Ints:
+    """Return the header stamps of messages of one layout that has them, (n,), ns."""
+    assert layout.stamp_at is not None
+    seconds = _column(rows, layout.stamp_at, layout.order + layout.stamp_code)
+    nanoseconds = _column(rows, layout.stamp_at + 4, layout.order + "I")
+    return np.asarray(seconds.astype(np.int64) * NS_PER_S + nanoseconds, np.int64)
 
 
 def _column(rows: Rows, place: int, code: str) -> NDArray[Any]:
@@ -278,7 +266,6 @@ def _column(rows: Rows, place: int, code: str) -> NDArray[Any]:
 
 __all__ = [
     "AXES",
-    "CHOOSE_JOINT",
     "EXTRACTORS",
     "INPUTS",
     "Decoded",
@@ -288,4 +275,6 @@ __all__ = [
     "NoValueError",
     "Rows",
     "Want",
+    "by_layout",
+    "stamps_of",
 ]

@@ -7,8 +7,8 @@ from pathlib import Path, PurePath
 import numpy as np
 from numpy.typing import NDArray
 
+from friction_estimator.bag.joint_arrays import CHOOSE_JOINT, holds_a_joint
 from friction_estimator.bag.messages import (
-    CHOOSE_JOINT,
     EXTRACTORS,
     INPUTS,
     Decoder,
@@ -139,7 +139,7 @@ def read_recording(
     config = config or InputConfig()
     with Source(path) as source:
         where = str(source.path)
-        chosen = assign(where, source.topics, topics or {}, config.mode, _probe(source, config))
+        chosen = assign(where, source.topics, topics or {}, config.mode, probe_of(source, config))
         builders = {name: _Builder(name, topic, config, source.ros1) for name, topic in chosen.topics.items()}
         counts = {item.topic.name: item.topic.count for item in builders.values()}
         for topic_name, log_time_ns, messages in source.batches(counts):
@@ -175,17 +175,24 @@ def read_recording(
                 elif builders[name].topic != builders["velocity"].topic:
                     notes.append(f"no {name} is used: {error}")
         if failures:
-            raise type(failures[0])(f"{where}: {'; '.join(map(str, failures))}")
+            # A joint that is not there lacks both of its values: once is enough.
+            told = failures[:1] if str(failures[0]).endswith(CHOOSE_JOINT) else failures
+            raise type(failures[0])(f"{where}: {'; '.join(map(str, told))}")
         return Recording(source.path, streams, source.topics, tuple(notes))
 
 
-def _probe(source: Source, config: InputConfig) -> Probe:
-    """Return a function that says why a topic's first message does not hold an input, or ""."""
+def probe_of(source: Source, config: InputConfig) -> Probe:
+    """Return a function that says why a topic's first message does not hold an input, or "".
+
+    Where no joint is named, a JointState topic holds velocity and effort if it does so for any joint.
+    """
 
     def why_not(name: str, topic: Topic) -> str:
         raw = source.first(topic.name)
         if raw is None:
             return "no messages"
+        if name == JOINT_STATES and not config.joint and holds_a_joint(raw, ros1=source.ros1):
+            return ""
         reasons = []
         for quantity in REQUIRED if name == JOINT_STATES else (name,):
             want = Want(quantity, config.axis, config.joint)

@@ -2,8 +2,8 @@
 
 In this order: the topic named by the user; the only topic of a readable type whose last name part is the input's
 name; the only topic of a type that is typical of the input. Velocity and friction may both come from one
-JointState topic instead. Where several topics could be meant, those whose first message does not hold the value
-drop out; what is still ambiguous is asked back, never guessed.
+JointState topic instead, `/joint_states` before others. Where several topics could be meant, those whose first message
+does not hold the value drop out; what is still ambiguous is asked back, never guessed.
 """
 
 import difflib
@@ -16,6 +16,10 @@ from friction_estimator.core.errors import InputError, UnanswerableError
 
 JOINT_STATES = "joint_states"
 JOINT_STATE = "sensor_msgs/msg/JointState"
+
+USUAL = "/joint_states"
+"""Where a robot publishes its joints: preferred among several JointState topics."""
+
 REQUIRED = ("velocity", "friction")
 OPTIONAL = ("pressure", "temperature", "position")
 
@@ -64,11 +68,7 @@ def assign(
     joints = found.pop(JOINT_STATES, None)
     notes = []
     if joints is None and mode == "joint_state":
-        joints = chooser.unnamed(JOINT_STATES)
-        if joints is None:
-            raise UnanswerableError(
-                f"{where} has no JointState topic for input.mode joint_state; it has {chooser.listing()}"
-            )
+        joints = chooser.joints("input.mode joint_state")
     if joints is None:
         stamped = {name: found.get(name) or chooser.unnamed(name) for name in REQUIRED}
         missing = [name for name, topic in stamped.items() if topic is None]
@@ -101,6 +101,14 @@ def assign(
     return Assignment(found, tuple(notes), frozenset(named))
 
 
+def joint_topic(where: str, topics: Iterable[Topic], named: Mapping[str, str], probe: Probe) -> Topic:
+    """Choose the JointState topic of which all joints are wanted; parameters and failures as those of `assign`."""
+    chooser = _Chooser(where, tuple(topics), probe)
+    if JOINT_STATES in named:
+        return chooser.named(JOINT_STATES, named[JOINT_STATES])
+    return chooser.joints("--joint all")
+
+
 class _Chooser:
     """Finds topics by name and by type."""
 
@@ -119,6 +127,13 @@ class _Chooser:
             raise InputError(f"{self._where}: {topic} cannot be read as {name}; {_readable_types(name)} can")
         return topic
 
+    def joints(self, purpose: str) -> Topic:
+        """Return the JointState topic that serves a purpose; raises as `unnamed`, and where there is none."""
+        topic = self.unnamed(JOINT_STATES)
+        if topic is None:
+            raise UnanswerableError(f"{self._where} has no JointState topic for {purpose}; it has {self.listing()}")
+        return topic
+
     def unnamed(self, name: str, *, by_type: bool = True) -> Topic | None:
         """Return the topic that its name, or else its type, makes an input; None where there is none.
 
@@ -127,6 +142,8 @@ class _Chooser:
         usable = [topic for topic in self._topics if topic.count and self._readable(name, topic)]
         named_so = [topic for topic in usable if _last(topic) == name]
         typical = [topic for topic in usable if by_type and self._typical(name, topic)]
+        if name == JOINT_STATES and len(named_so) == 1 < len(typical) and self._probe(name, named_so[0]):
+            named_so = []  # joint_states without efforts, beside the state of a drive that measures them
         for candidates in (named_so, typical):
             if len(candidates) == 1:
                 return candidates[0]
@@ -138,8 +155,9 @@ class _Chooser:
         """Return the only one of several topics that holds an input."""
         reasons = [self._probe(name, topic) for topic in candidates]
         able = [topic for topic, reason in zip(candidates, reasons, strict=True) if not reason]
-        if len(able) == 1:
-            return able[0]
+        usual = [topic for topic in able if name == JOINT_STATES and topic.name == USUAL]
+        if len(able) == 1 or usual:
+            return (usual or able)[0]
         if not able:
             told = "; ".join(f"{topic}: {reason}" for topic, reason in zip(candidates, reasons, strict=True))
             raise UnanswerableError(f"{self._where} has no {name} that can be used: {told}")

@@ -5,7 +5,7 @@ import json
 import math
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
@@ -15,6 +15,7 @@ from typing import Protocol, TypeAlias
 from friction_estimator.cli.terminal import EXIT_CODES, Parser, say, say_document, warn
 from friction_estimator.core.errors import InputError
 from friction_estimator.core.settings.config import Config, retired
+from friction_estimator.core.settings.joints import of_joint
 from friction_estimator.core.text import shown
 from friction_estimator.documents.configuration import config_of, read_parameters
 from friction_estimator.output.run import RunOutput
@@ -55,7 +56,12 @@ def add_topic_options(parser: argparse.ArgumentParser) -> "argparse._ArgumentGro
         metavar="INPUT=TOPIC",
         help=f"which topic is which input ({', '.join(INPUTS)}); may be repeated",
     )
-    group.add_argument("--joint", metavar="NAME", help="joint in JointState messages (default: the only one)")
+    group.add_argument(
+        "--joint",
+        metavar="NAME|all",
+        help="joint in JointState messages (default: the only one); with all, replay, identify and diagnose take every "
+        "joint in turn: a table, and a folder a joint under --out",
+    )
     return group
 
 
@@ -74,15 +80,23 @@ def topics_from(args: argparse.Namespace) -> dict[str, str]:
     return topics
 
 
-def config_from(args: argparse.Namespace, overrides: Mapping[str, object] | None = None) -> Config:
-    """Return the configuration: `--config`, then `--joint` and `overrides` (dotted names; None is no override)."""
+def config_from(
+    args: argparse.Namespace,
+    overrides: Mapping[str, object] | None = None,
+    warned: Callable[[str], None] = warn,
+) -> Config:
+    """Return the configuration: `--config`, then `--joint` and `overrides` (dotted names; None is no override).
+
+    Of a configuration for several joints it is that of `--joint`, or of `input.joint`.
+    """
     config = Config()
+    values = dict(overrides or {})
     if args.config:
         given = read_parameters(args.config)
-        config = config_of(given, args.config)
+        joint = args.joint if args.joint is not None else given.get("input.joint")
+        config = config_of(of_joint(given, joint if isinstance(joint, str) else ""), args.config)
         for line in retired(given):
-            warn(f"{args.config}: {line}")
-    values = dict(overrides or {})
+            warned(f"{args.config}: {line}")
     if args.joint is not None:
         values["input.joint"] = args.joint
     return config.updated({name: value for name, value in values.items() if value is not None})
@@ -106,6 +120,23 @@ def _json_target(text: str) -> str:
     if text == "-" and sys.stdout is None:
         raise argparse.ArgumentTypeError("stdout is closed, the result cannot be printed; name a file")
     return text
+
+
+class Outlet(Protocol):
+    """Takes what a verb says, builds and finds: `Output`, or that of one joint of several (`cli.joints`)."""
+
+    def part(self) -> AbstractContextManager[Path]:
+        """Yield where to build what `out` names."""
+        ...
+
+    def say(self, text: str = "") -> None:
+        """Take a line for the reader."""
+
+    def warn(self, text: str) -> None:
+        """Take a warning."""
+
+    def result(self, value: object) -> None:
+        """Take the JSON result."""
 
 
 class Output:
@@ -150,6 +181,10 @@ class Output:
     def say(self, text: str = "") -> None:
         """Print a line for the reader: on stdout, or on stderr where stdout carries JSON."""
         say(text, aside=self._prints)
+
+    def warn(self, text: str) -> None:
+        """Print a warning on stderr."""
+        warn(text)
 
     def result(self, value: object) -> None:
         """Print or write the JSON result, where `--json` asks for one: the last thing that a verb does."""

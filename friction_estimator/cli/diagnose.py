@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from friction_estimator.cli import common
+from friction_estimator.cli import common, joints
 from friction_estimator.core.errors import UnanswerableError, about
 from friction_estimator.core.sample import NS_PER_S, Samples
 from friction_estimator.core.settings.config import Config
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from friction_estimator.effects.detection import Fault
 
 EXTENDED = "extended.yaml"
+_HEADS = ("samples", "rate (Hz)", "held out", "extended")
 _MARK = re.compile(r'\{\s*"schema": "friction_estimator/diagnosis/\d+"')
 
 
@@ -42,8 +43,8 @@ def add_parser(subparsers: common.Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb; 1 for the verdict `undecidable`."""
-    with common.Output(args.json, args.out, refusal, common.paths_read(args)) as output:
-        return _run(args, output)
+    with common.Output(args.json, args.out, joints.refusal(refusal), common.paths_read(args)) as output:
+        return joints.run(args, output, _HEADS, _run)
 
 
 def refusal(folder: Path) -> str | None:
@@ -56,13 +57,13 @@ def refusal(folder: Path) -> str | None:
     return Layout("summary.json", _MARK, frozenset({"report.html", EXTENDED}), {"figures": figures}).refusal(folder)
 
 
-def _run(args: argparse.Namespace, output: common.Output) -> int:
+def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
     # scipy takes a second to import: `--help` needs none of it.
     from friction_estimator.diagnosis.diagnose import diagnose  # noqa: PLC0415
     from friction_estimator.diagnosis.extend import is_offered  # noqa: PLC0415
     from friction_estimator.diagnosis.summary import as_json, judged_by, sentences  # noqa: PLC0415
 
-    config = common.config_from(args)
+    config = common.config_from(args, warned=output.warn)
     loaded = [_load(bag, args, config, output) for bag in args.bags]
     recordings = [samples for samples, _ in loaded]
     faults = {fault.name: fault for _, found in loaded for fault in found}
@@ -88,10 +89,25 @@ def _run(args: argparse.Namespace, output: common.Output) -> int:
             output.say(line)
         output.say(f"written: {args.out}")
     output.result(summary)
-    return 1 if result.verdict == "undecidable" else 0
+    return _outcome(summary, recordings)
 
 
-def _load(bag: str, args: argparse.Namespace, config: Config, output: common.Output) -> tuple[Samples, list["Fault"]]:
+def _outcome(summary: dict[str, Any], recordings: list[Samples]) -> joints.Outcome:
+    """Return a diagnosis as a row of the table of joints."""
+    gain = summary["total_gain"]
+    cells = (
+        str(sum(map(len, recordings))),
+        f"{recordings[0].sample_rate_hz:.5g}",
+        joints.figure(summary["base"]["nrmse_holdout"]),
+        joints.figure(gain["nrmse_after"] if gain else None),
+    )
+    names = ", ".join(found["name"] for found in (*summary["effects"], *summary["faults"]))
+    decided = summary["verdict"] != "undecidable"
+    why = names if decided else "; ".join(summary["excitation"]["warnings"])
+    return joints.Outcome(0 if decided else 1, cells, summary["verdict"] + (f": {why}" if why else ""), decided)
+
+
+def _load(bag: str, args: argparse.Namespace, config: Config, output: common.Outlet) -> tuple[Samples, list["Fault"]]:
     """Return one recording's usable samples and the faults of its stamps; a steady offset is taken out."""
     from friction_estimator.bag.read import read_recording  # noqa: PLC0415
     from friction_estimator.bag.samples import to_samples  # noqa: PLC0415

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from friction_estimator.cli import common, side_by_side
+from friction_estimator.cli import common, joints, side_by_side
 from friction_estimator.cli.recorded import Session, add_run_options, load, outputs, tell_units
 from friction_estimator.cli.replay import judged, summarise
 from friction_estimator.core.errors import ConfigError, about
@@ -44,10 +44,10 @@ def add_parser(subparsers: common.Subparsers) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     with outputs(args) as output:
-        return _run(args, output)
+        return joints.run(args, output, joints.HEADS, _run)
 
 
-def _run(args: argparse.Namespace, output: common.Output) -> int:
+def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
     session = load(args, output, {"model.type": args.model})
     samples = session.samples
     with about(", ".join(session.bags)):
@@ -75,7 +75,7 @@ def _run(args: argparse.Namespace, output: common.Output) -> int:
             write_results(folder, session.recordings, result, summary)
         output.say(f"{'written':<14}{args.out}: bag/, figures/, report.html, summary.json, config.yaml")
     output.result(summary)
-    return 0
+    return joints.outcome(summary, result)
 
 
 def _learned(n: int, freeze_after: float | None) -> Bools:
@@ -160,7 +160,7 @@ def _online(
     return rows
 
 
-def _tell(output: common.Output, summary: dict[str, Any]) -> None:
+def _tell(output: common.Outlet, summary: dict[str, Any]) -> None:
     figures = [
         ("nrmse", summary["nrmse"], "error of the batch fit over the std of friction, whole record"),
         ("frozen", summary["nrmse_frozen"], "over what was not fitted, after --freeze-after"),

@@ -4,8 +4,8 @@ import argparse
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from friction_estimator.cli import common
-from friction_estimator.core.errors import FrictionEstimatorError, UnanswerableError, about, sentence
+from friction_estimator.cli import common, info_joints, joints
+from friction_estimator.core.errors import FrictionEstimatorError, InputError, UnanswerableError, about, sentence
 
 if TYPE_CHECKING:
     from friction_estimator.bag.read import Recording, Stream
@@ -56,15 +56,21 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _run(args: argparse.Namespace, output: common.Output) -> int:
+    from friction_estimator.bag.joint_arrays import CHOOSE_JOINT  # noqa: PLC0415
+    from friction_estimator.bag.joint_survey import survey  # noqa: PLC0415
     from friction_estimator.bag.read import read_recording  # noqa: PLC0415 - `--help` needs none of them
     from friction_estimator.bag.samples import to_samples  # noqa: PLC0415
     from friction_estimator.bag.source import Source  # noqa: PLC0415
     from friction_estimator.bag.statistics import describe  # noqa: PLC0415
 
     config = common.config_from(args)
-    with Source(args.bag) as source:
+    if args.joint == joints.ALL:
+        config = config.updated({"input.joint": ""})
+    with Source(args.bag) as source, common.progress("looking for joints", unit="messages") as advance:
         topics = source.topics
+        joint_topics = survey(source, progress=advance)
     result: dict[str, Any] = {"schema": SCHEMA, "bag": args.bag, "topics": [], "inputs": {}, "problem": None}
+    result["joint_states"] = [info_joints.facts(each) for each in joint_topics]
     inputs: dict[str, list[str]] = {}
     recording: Recording | None = None
     failure: FrictionEstimatorError | None = None
@@ -77,6 +83,9 @@ def _run(args: argparse.Namespace, output: common.Output) -> int:
         result["notes"] = list(recording.notes)
     except FrictionEstimatorError as error:
         failure = error
+        if isinstance(error, InputError) and str(error).endswith(CHOOSE_JOINT) and not config.input.joint:
+            failure = None  # nothing is wrong: each joint is told of
+            result["notes"] = ["one joint at a time is assessed: --joint NAME; replay, identify and diagnose take all"]
     result["topics"] = [_topic(topic, inputs.get(topic.name, [])) for topic in topics]
     if recording is not None:
         try:
@@ -191,6 +200,8 @@ def _tell(output: common.Output, result: dict[str, Any]) -> None:
         output.say(name)
         for line in _input_lines(facts):
             output.say(f"  {line}")
+    for line in info_joints.lines(result["joint_states"]):
+        output.say(line)
     for note in result.get("notes", ()):
         output.say(f"note: {note}")
     pairing = result.get("pairing")

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 from friction_estimator.bag.read import Recording, read_recording
 from friction_estimator.bag.samples import Admitted, to_samples
-from friction_estimator.cli import common
+from friction_estimator.cli import common, joints
 from friction_estimator.core.errors import about
 from friction_estimator.core.sample import Samples, joined
 from friction_estimator.core.settings.config import PARAMETERS, Config
@@ -129,18 +129,18 @@ def outputs(args: argparse.Namespace) -> common.Output:
     if args.out:
         from friction_estimator.cli.results import RESULTS  # noqa: PLC0415 - drawing is loaded where asked for
 
-        refusal = RESULTS.refusal
+        refusal = joints.refusal(RESULTS.refusal)
     return common.Output(args.json, args.out, refusal, common.paths_read(args))
 
 
-def load(args: argparse.Namespace, output: common.Output, overrides: Mapping[str, object] | None = None) -> Session:
+def load(args: argparse.Namespace, output: common.Outlet, overrides: Mapping[str, object] | None = None) -> Session:
     """Read `args.bags` and `args.test`, pair and admit their messages; say what was done and refused.
 
     Everything is read before anything is computed, so that a wrong name is known at once.
 
     Raises InputError and UnanswerableError as reading does; both name the recording.
     """
-    config = common.config_from(args, overrides)
+    config = common.config_from(args, overrides, output.warn)
     several = len(args.bags) + len(args.test) > 1
     learned = [_read(bag, args, config, output, "learned" if several else "") for bag in args.bags]
     others = [_read(bag, args, config, output, "test") for bag in args.test]
@@ -148,7 +148,7 @@ def load(args: argparse.Namespace, output: common.Output, overrides: Mapping[str
     return Session(_with(learned, config), _with(others, config), config)
 
 
-def tell_units(output: common.Output, given: Config, used: Config) -> None:
+def tell_units(output: common.Outlet, given: Config, used: Config) -> None:
     """Say which range and units were chosen where they were open: `given` as configured, `used` at the end."""
     for name in ("learned.velocity_range", "learned.force_unit"):
         value = PARAMETERS[name].of(used)
@@ -162,7 +162,7 @@ def _with(read: Sequence[tuple[Recording, Admitted]], config: Config) -> tuple[L
 
 
 def _read(
-    bag: str, args: argparse.Namespace, config: Config, output: common.Output, heading: str
+    bag: str, args: argparse.Namespace, config: Config, output: common.Outlet, heading: str
 ) -> tuple[Recording, Admitted]:
     """Read one recording; say what it holds, under its name where `heading` says what it is for."""
     with about(bag), common.progress("reading", unit="messages") as advance:

@@ -4,9 +4,8 @@ import argparse
 from dataclasses import replace
 from typing import Any
 
-from friction_estimator.cli import common, side_by_side
+from friction_estimator.cli import common, joints, side_by_side
 from friction_estimator.cli.recorded import Described, Session, add_run_options, load, outputs, tell_units
-from friction_estimator.cli.terminal import warn
 from friction_estimator.core.errors import about
 from friction_estimator.core.online.replay import Replay, replay
 from friction_estimator.effects.extension import extension_from_config
@@ -34,10 +33,10 @@ def add_parser(subparsers: common.Subparsers) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     with outputs(args) as output:
-        return _run(args, output)
+        return joints.run(args, output, joints.HEADS, _run)
 
 
-def _run(args: argparse.Namespace, output: common.Output) -> int:
+def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
     session = load(args, output, {"model.type": args.model, "model.law": args.law})
     with about(", ".join(session.bags)), common.progress("replaying", len(session.samples)) as advance:
         result = replay(
@@ -52,7 +51,7 @@ def _run(args: argparse.Namespace, output: common.Output) -> int:
     result = judged(session, result)
     summary = summarise(session, result, SCHEMA)
     _tell(output, summary)
-    _warn_of_contact(result)
+    _warn_of_contact(output, result)
     side_by_side.tell(output, result)
     if args.out:
         # Drawing and HTML are loaded only where they are asked for.
@@ -62,7 +61,7 @@ def _run(args: argparse.Namespace, output: common.Output) -> int:
             write_results(folder, session.recordings, result, summary)
         output.say(f"{'written':<12}{args.out}: bag/, figures/, report.html, summary.json, config.yaml")
     output.result(summary)
-    return 0
+    return joints.outcome(summary, result)
 
 
 def judged(session: Session, result: Replay) -> Replay:
@@ -93,21 +92,21 @@ def summarise(loaded: Described, result: Replay, schema: str) -> dict[str, Any]:
     }
 
 
-def _warn_of_contact(result: Replay) -> None:
+def _warn_of_contact(output: common.Outlet, result: Replay) -> None:
     """Say where a live node would have behaved otherwise: it waits for a first contact that the recording lacks."""
     contact = result.contact
     if contact is None:
         return
     if not contact.ended:
-        warn(
+        output.warn(
             "the recording ends before two reversals or 10 s of motion: range and units are those of what there is, "
             "and a live node would still wait; set basis.velocity_range and force_unit"
         )
     if contact.dropped:
-        warn(f"{contact.dropped} samples came before the first contact and were let go: they are not predicted")
+        output.warn(f"{contact.dropped} samples came before the first contact and were let go: they are not predicted")
 
 
-def _tell(output: common.Output, summary: dict[str, Any]) -> None:
+def _tell(output: common.Outlet, summary: dict[str, Any]) -> None:
     figures = [
         ("nrmse", summary["nrmse"], "a priori error over the std of friction, whole record"),
         ("final", summary["nrmse_final"], "last fifth"),
@@ -119,7 +118,9 @@ def _tell(output: common.Output, summary: dict[str, Any]) -> None:
         if value is not None:
             output.say(f"{name:<12}{value:.4f}  {meaning}")
     if summary["diverged"]:
-        warn("the estimator diverged: lower the step size, or use --law rls")
+        output.warn("the estimator diverged: lower the step size, or use --law rls")
     health = summary["health"]
     if health.outside:
-        warn(f"{health.outside} samples lie outside the velocities learned: they were predicted, not learned from")
+        output.warn(
+            f"{health.outside} samples lie outside the velocities learned: they were predicted, not learned from"
+        )

@@ -41,7 +41,7 @@ def _cell(value: float | None, factor: float) -> str:
     return "-" if value is None or not np.isfinite(value) else f"{factor * value:.4g}"
 
 
-def tell(output: common.Output, result: Replay) -> None:
+def tell(output: common.Outlet, result: Replay) -> None:
     """Print the table where something was predicted without learning."""
     lines = rows(result)
     if not lines:

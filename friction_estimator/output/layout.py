@@ -21,31 +21,36 @@ class Layout:
     mark : what that file begins with.
     files : names of the other files that may be in it.
     folders : names of folders that may be in it, and what refuses to replace each.
+    other_folders : what refuses to replace a folder of any other name; None where there may be none.
     """
 
     document: str
     mark: re.Pattern[str]
     files: frozenset[str] = frozenset()
     folders: Mapping[str, Refusal] = field(default_factory=dict)
+    other_folders: Refusal | None = None
 
     def refusal(self, folder: Path) -> str | None:
         """Return why a folder may not be replaced by such results; None where it holds them, or nothing."""
         inside = sorted(folder.iterdir())
         if not inside:
             return None
-        if not self._is_marked(folder / self.document):
+        if not self.is_of(folder):
             return "a folder that does not hold such results stands there; choose another --out"
         for item in inside:
             reason: str | None = strange(item)
-            if item.name in self.folders and item.is_dir() and not item.is_symlink():
-                reason = self.folders[item.name](item)
+            known = self.folders.get(item.name, self.other_folders)
+            if known is not None and item.is_dir() and not item.is_symlink():
+                reason = known(item)
             elif (item.name == self.document or item.name in self.files) and _is_plain(item):
                 reason = None
             if reason is not None:
                 return reason
         return None
 
-    def _is_marked(self, path: Path) -> bool:
+    def is_of(self, folder: Path) -> bool:
+        """Whether a folder says of itself that it holds such results."""
+        path = folder / self.document
         if not _is_plain(path):
             return False
         with path.open("rb") as file:

@@ -31,6 +31,7 @@ from friction_estimator.core.settings.groups import (
     SyncConfig,
     TheoryConfig,
 )
+from friction_estimator.core.settings.joints import plain_names
 from friction_estimator.core.settings.setting import Parameter, Value, setting, walk
 
 
@@ -107,6 +108,10 @@ class Config:
             raise ConfigError(
                 "learned.wavelet_weights come without the range and unit that they were learned in: give "
                 "learned.velocity_range, learned.velocity_scale and learned.force_unit with them, or leave them out"
+            )
+        if plain_names(self.input.joints) and self.input.mode != "joint_state":
+            raise ConfigError(
+                f"input.joints is given and input.mode is {self.input.mode}: set input.mode to joint_state"
             )
         if self.input.friction_sign == 0:
             raise ConfigError("input.friction_sign is 0: give 1 or -1")

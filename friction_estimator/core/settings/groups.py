@@ -249,6 +249,13 @@ class InputConfig:
     )
     axis: str = setting("x", "Axis of twist and wrench.", choices=("x", "y", "z"), live=True)
     joint: str = setting("", "Joint name in JointState messages; empty: the only joint.", live=True)
+    joints: tuple[str, ...] = setting(
+        (),
+        "Several joints of one JointState topic, an estimator each, with outputs and services under ~/JOINT/ "
+        "(characters outside [A-Za-z0-9_] become _); input.joint then is of no meaning. Needs input.mode joint_state. "
+        "What one joint has learned is named JOINT.learned.*.",
+        at_start=True,
+    )
     friction_sign: int = setting(
         1,
         "-1 for a sensor wired the other way (friction must be positive at positive velocity).",

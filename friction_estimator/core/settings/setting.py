@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
-from typing import Any, cast, get_type_hints
+from typing import Any, cast, get_args, get_origin, get_type_hints
 
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.quantities import LINEAR, ROTARY, Quantities
@@ -57,10 +57,11 @@ def setting(
 
 @dataclass(frozen=True)
 class Parameter:
-    """One setting with its declaration."""
+    """One setting with its declaration; `element` is the type of the value, or of an array's elements."""
 
     name: str
     kind: type
+    element: type
     default: Value
     description: str
     unit: str
@@ -78,11 +79,6 @@ class Parameter:
     def is_array(self) -> bool:
         """True for arrays of numbers or words."""
         return self.kind is tuple
-
-    @property
-    def element(self) -> type:
-        """Type of the value, or of an array's elements."""
-        return str if self.name == "extension.terms" else float if self.is_array else self.kind
 
     @property
     def acts(self) -> str:
@@ -175,5 +171,10 @@ def walk(cls: type, prefix: str = "") -> Iterator[Parameter]:
         if is_dataclass(kind):
             yield from walk(kind, f"{prefix}{item.name}.")  # type: ignore[arg-type]
         else:
-            origin = getattr(kind, "__origin__", kind)
-            yield Parameter(name=prefix + item.name, kind=origin, default=cast(Value, item.default), **item.metadata)
+            yield Parameter(
+                name=prefix + item.name,
+                kind=get_origin(kind) or kind,
+                element=next(iter(get_args(kind)), kind),
+                default=cast(Value, item.default),
+                **item.metadata,
+            )
