@@ -9,18 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import samples_of, stribeck
 
+from friction_estimator.core.online import first_contact
+from friction_estimator.core.online.first_contact import FirstContact, in_sequence, meet
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings import units
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.units import (
-    FirstContact,
-    chosen,
-    in_sequence,
-    meet,
-    rest_noise,
-    robust_top,
-    shown,
-)
+from friction_estimator.core.settings.units import chosen, rest_noise, robust_top, shown
 
 RATE = 1000.0
 OPEN = Config()
@@ -106,7 +100,7 @@ def test_standing_still_changes_nothing_of_what_is_chosen_but_for_its_own_noise(
 def test_two_reversals_end_it_whatever_the_rate(rate_hz):
     """sin starts upwards: the shaft has turned twice, and gone 30 % of its speed again, after 1.05 periods."""
     seconds = ended_at(sine(20.0, rate_hz, period_s=3.0)) / rate_hz
-    assert 1.0 * 3.0 < seconds < 1.15 * 3.0 + 2.0 * units.FIRST_LOOK / rate_hz
+    assert 1.0 * 3.0 < seconds < 1.15 * 3.0 + 2.0 * first_contact.FIRST_LOOK / rate_hz
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
@@ -190,7 +184,7 @@ def test_what_was_learned_wins_over_the_rule():
 
 
 def test_a_queue_that_is_full_lets_the_oldest_go(monkeypatch):
-    monkeypatch.setattr(units, "LARGEST_QUEUE", 2**12)
+    monkeypatch.setattr(first_contact, "LARGEST_QUEUE", 2**12)
     stream = after(standstill(20.0), sine(3.0))
     expected = meet(OPEN, stream)
     assert expected.ended

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from friction_estimator.core.intake.admission import Intake
 from friction_estimator.core.online.estimator import Estimator, stated_config
+from friction_estimator.core.online.first_contact import meet
 from friction_estimator.core.online.live import LiveStep
-from friction_estimator.core.settings import units
 from friction_estimator.core.settings.config import Config
 
 NS = 10**9
@@ -55,7 +55,7 @@ def friction_of(velocity, rng):
 def replayed(config, stream, stamp, value):
     """Return (samples, predicted, deviation, estimator) as replay makes them."""
     samples = Intake(config).push(stream, stamp, value)
-    met = units.meet(config, samples)
+    met = meet(config, samples)
     estimator = Estimator(met.config)
     deviation = np.empty(len(samples))
     return samples, estimator.run(samples, True, deviation), deviation, estimator
@@ -119,7 +119,7 @@ def test_a_minute_of_noisy_standstill_comes_first(law, most):
     config = Config.from_mapping({"model.law": law})
     recording = pairs(velocity, friction_of(velocity, rng))
     samples, *expected = replayed(config, *recording)
-    contact = units.meet(config, samples)
+    contact = meet(config, samples)
     assert contact.ended
     assert still < contact.samples < still + 3 * 200, "standing still does not end it, the first period does"
     assert contact.config.reach[1] > 0.25

@@ -15,7 +15,7 @@ from test_ros_node import diagnostics, feed
 from friction_estimator.core.intake.admission import Intake
 from friction_estimator.core.intake.pairing import FRICTION, VELOCITY
 from friction_estimator.core.online.estimator import Estimator
-from friction_estimator.core.settings import units
+from friction_estimator.core.online.first_contact import meet
 from friction_estimator.core.settings.config import Config
 from friction_estimator.ros.state import dumps, read_state
 
@@ -34,7 +34,7 @@ def replayed(stamps, velocity, friction, **values):
     config = Config.from_mapping(values)
     events = np.stack([velocity, friction], 1).ravel()
     samples = Intake(config).push(np.tile([VELOCITY, FRICTION], stamps.size), np.repeat(stamps, 2), events)
-    estimator = Estimator(units.meet(config, samples).config)
+    estimator = Estimator(meet(config, samples).config)
     deviation = np.empty(len(samples))
     return estimator.run(samples, True, deviation), deviation, estimator
 

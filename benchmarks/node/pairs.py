@@ -19,8 +19,8 @@ from ros_graph import RELIABLE, UNITS, Graph, Process, graph
 
 from friction_estimator.core.intake.admission import Intake
 from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.core.online.first_contact import meet
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.units import meet
 
 
 def start(made: Graph, variant: str) -> Process:

@@ -23,9 +23,9 @@ from faults import FAULTS, faulty
 from records import HELD_OUT_PLANTS, Law, rig, synthetic
 
 from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.core.online.first_contact import meet
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.units import meet
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 import provenance

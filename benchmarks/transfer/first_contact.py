@@ -18,7 +18,8 @@ from records import (
 )
 
 from friction_estimator.core.online.estimator import Estimator
-from friction_estimator.core.settings.units import chosen, meet
+from friction_estimator.core.online.first_contact import meet
+from friction_estimator.core.settings.units import chosen
 from friction_estimator.rig.drive import CONDITIONS
 
 RATES_HZ = (1000.0, 200.0)

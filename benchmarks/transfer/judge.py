@@ -8,9 +8,10 @@ from friction_estimator.core.fit.baselines import fit_baselines, scores
 from friction_estimator.core.fit.batch import BatchFit, fit_batch, predict
 from friction_estimator.core.metrics import nrmse, settled
 from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.core.online.first_contact import meet
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.units import chosen, meet
+from friction_estimator.core.settings.units import chosen
 
 MODELS = ("parallel", "hammerstein")
 DEFAULT = "parallel"

@@ -12,9 +12,9 @@ from hard.fuzzing import Kind
 from friction_estimator.cli.terminal import guarded
 from friction_estimator.core.errors import about
 from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.core.online.first_contact import meet
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import PARAMETERS, Config
-from friction_estimator.core.settings.units import meet
 from friction_estimator.documents.configuration import read_config, write_config
 from friction_estimator.effects.extension import extension_from_config
 from friction_estimator.ros.state import dumps, read_state

@@ -20,9 +20,9 @@ from friction_estimator.core.model.basis import WaveletBasis, wavelet_rows
 from friction_estimator.core.model.theory_seal import SealCurve, seal_loop
 from friction_estimator.core.online import kernels
 from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.core.online.first_contact import FirstContact, in_sequence
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.units import FirstContact, in_sequence
 
 CAPACITY = 128
 """Events taken at once at the most."""

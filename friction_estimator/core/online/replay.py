@@ -17,9 +17,9 @@ from friction_estimator.core.fit.batch import BatchFit, predict
 from friction_estimator.core.fit.frozen_score import FrozenScore, curves_learned, frozen_score
 from friction_estimator.core.model.structure import Extension, Model, Parameters
 from friction_estimator.core.online.estimator import Estimator, Health
+from friction_estimator.core.online.first_contact import Contact, meet
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Samples
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.units import Contact, meet
 
 OUTLOOK = 1.25
 """The curve is also given over this many times the velocities learned, to show what it says where it has not been."""
