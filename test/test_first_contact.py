@@ -265,3 +265,16 @@ def test_noise_of_rest_is_found_beside_a_motion(noise):
     gaps = replace(samples, restart=np.ones(len(samples), np.bool_))
     assert rest_noise(gaps) == 0.0
     assert not shown(samples[:2000])
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.5])
+def test_the_levels_next_to_zero_of_a_quantised_channel_are_no_motion(offset):
+    """A motor's velocity in steps of 0.02: at rest it shows two levels, for longer than a slow drive would need."""
+    rng = np.random.default_rng(4)
+    step = 0.02
+    rest = standstill(20.0)
+    levels = step * (np.round(rng.normal(0.0, 0.6, len(rest)).clip(-1.0, 1.0)) + offset)
+    contact = meet(OPEN, after(replace(rest, velocity_m_s=levels), sine(4.0, top=1.0)))
+    assert contact.ended
+    assert contact.samples > len(rest)
+    assert contact.config.velocity_scale > 0.3

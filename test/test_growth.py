@@ -16,6 +16,7 @@ from friction_estimator.core.model.prior import Prior
 from friction_estimator.core.online import workspace
 from friction_estimator.core.online.adaptation import LAWS
 from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.core.online.growth import carried_over, grown_model
 from friction_estimator.core.online.kernels import GROW_AFTER
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
@@ -23,6 +24,8 @@ from friction_estimator.core.settings.units import MARGIN
 
 SMALL = {"fir__order": 2, "basis__finest_level": 0}
 SLOW = 0.005
+UNCHANGED = 5e-3
+"""Force units within which a curve is what it was."""
 
 
 def faster(model_type: str = "parallel") -> Samples:
@@ -72,27 +75,26 @@ def test_curve_and_band_over_the_former_range_stay_what_they_were(model_type, la
     low, high = before.model.basis.reach
     velocity = np.linspace(low, high, 401)
     old, new = before.curve(velocity_m_s=velocity), after.curve(velocity_m_s=velocity)
-    np.testing.assert_allclose(new.friction_N, old.friction_N, rtol=0.0, atol=1e-12 * np.abs(old.friction_N).max())
+    np.testing.assert_allclose(new.friction_N, old.friction_N, rtol=0.0, atol=UNCHANGED * before.model.unit_N)
     half = 0.5 * (old.high_N - old.low_N)
-    np.testing.assert_allclose(0.5 * (new.high_N - new.low_N), half, rtol=1e-6)
+    np.testing.assert_allclose(0.5 * (new.high_N - new.low_N), half, rtol=1e-3)
     if law == "rls":
         np.testing.assert_allclose(new.learned_share, old.learned_share, atol=1e-9)
     else:
         assert new.learned_share is None
 
 
-@pytest.mark.parametrize(("fast", "share"), [(0.0056, 0.1), (0.008, 0.6), (0.04, 1.2)])
+@pytest.mark.parametrize("fast", [0.0056, 0.008, 0.04])
 @pytest.mark.parametrize("model_type", MODELS)
-def test_beyond_the_former_range_g_stays_near_its_edge_value(model_type, fast, share):
-    """As near as functions that do not reach into that range allow: close behind it few of them can help."""
+def test_beyond_the_former_range_g_keeps_its_edge_value(model_type, fast):
     before, after = grown(model_type, fast=fast)
     (low, high), (lowest, highest) = before.model.basis.reach, after.model.basis.reach
     assert (lowest, highest) == (low, MARGIN * fast)
     beyond_it = np.linspace(high, highest, 100)
     held = before.model.static_map(before.work.theta, beyond_it)  # held outside its range
     now = after.model.static_map(after.work.theta, beyond_it)
-    assert now[0] == pytest.approx(held[0], rel=1e-9)
-    assert np.abs(now - held).max() < share * np.abs(held[0])
+    assert now[0] == pytest.approx(held[0], abs=UNCHANGED * before.model.unit_N)
+    assert np.abs(now - held).max() < 0.05 * np.abs(held).max() + 0.01 * before.model.unit_N
 
 
 @pytest.mark.parametrize("model_type", MODELS)
@@ -102,7 +104,7 @@ def test_within_the_former_range_predictions_are_what_they_would_have_been(model
     before.run(beyond(1, 0.04))
     assert before.health.grown == 0
     slow = faster(model_type)[:100]
-    np.testing.assert_allclose(after.run(slow, False), before.run(slow, False), atol=1e-10)
+    np.testing.assert_allclose(after.run(slow, False), before.run(slow, False), atol=UNCHANGED * before.model.unit_N)
 
 
 def test_appended_weights_start_from_the_prior_and_the_rest_keeps_its_covariance():
@@ -116,7 +118,22 @@ def test_appended_weights_start_from_the_prior_and_the_rest_keeps_its_covariance
     prior = Prior.of(after.model)
     np.testing.assert_allclose(after.covariance[fresh][:, fresh], prior.covariance[fresh][:, fresh], atol=1e-12)
     assert not after.covariance[np.ix_(fresh, kept)].any()
-    np.testing.assert_array_equal(after.work.theta[kept], before.work.theta)
+
+
+@pytest.mark.parametrize("model_type", MODELS)
+def test_growing_again_and_again_keeps_the_edge_value_and_small_weights(model_type):
+    """A first contact with the noise of rest, then the whole speed: the range grows many times in a stroke."""
+    model, work = (one := grown(model_type)[0]).model, one.work
+    edge = model.static_map(work.theta, np.array([model.basis.reach[1]]))[0]
+    largest = np.abs(work.theta).max()
+    for factor in 2.5 ** np.arange(1, 9):
+        larger = grown_model(model, 0.005 * factor, None)
+        work = carried_over(work, model, larger, Prior.of(larger))
+        model = larger
+    velocity = np.geomspace(0.00525, model.basis.reach[1], 50)
+    g = model.static_map(work.theta, velocity)
+    assert np.abs(g - edge).max() < 0.05 * np.abs(edge) + 0.01 * model.unit_N
+    assert np.abs(work.theta).max() < 3.0 * largest + 3.0
 
 
 def test_unit_and_companding_stay_and_the_range_takes_its_margin():
@@ -176,6 +193,28 @@ def test_a_warm_start_keeps_the_grown_range():
     assert warm.model.basis.reach == first.model.basis.reach
     velocity = np.linspace(*first.model.basis.reach, 101)
     np.testing.assert_array_equal(curve(warm, velocity), curve(first, velocity))
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("model_type", MODELS)
+def test_a_unit_that_is_too_small_rises_with_the_range(model_type, law):
+    """A first contact without load, in the noise of rest; a state taken after it goes on bit for bit."""
+    rest = samples_of(1e-5 * np.sin(np.arange(600) / 7.0), 0.01 * np.sin(np.arange(600) / 11.0))
+    work = faster(model_type)
+    estimator = Estimator(config_for(rest, **SMALL | {"model__type": model_type, "model__law": law}))
+    small = estimator.model.unit_N
+    estimator.run(rest)
+    other = Estimator(estimator.config)
+    predicted = estimator.run(work)
+    assert small < 0.02
+    assert 0.1 < estimator.model.unit_N / np.std(work.friction_N) < 4.0
+    assert estimator.config.unit_N == estimator.model.unit_N
+    assert np.isfinite(predicted).all()
+    if law == "rls":
+        late = slice(-RATE, None)
+        assert np.std((predicted - work.friction_N)[late]) < 0.1 * np.std(work.friction_N)
+    other.restore(estimator.state())
+    np.testing.assert_array_equal(other.run(work[:500]), estimator.run(work[:500]))
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])

@@ -30,6 +30,9 @@ LARGEST_BASIS = 4096
 CELLS_PER_UNIT = 4
 """Cells of velocity a basis unit, in which running errors are kept (see `fit.band`): 64 over a new range."""
 
+WIDEST = 128.0
+"""Basis units by which `widened` goes beyond an edge at the most."""
+
 
 class Basis(Protocol):
     """A basis of functions of velocity with a bounded number of non-zeros at every point."""
@@ -69,6 +72,12 @@ class Basis(Protocol):
 
     def located(self, velocity_m_s: Floats) -> tuple[NDArray[np.int32], Floats, NDArray[np.int64]]:
         """Return (index, value, cell): `rows` and `cells` in one pass."""
+
+    def widened(self) -> "Basis":
+        """Return a basis of the same functions and those beside them, over all that these reach."""
+
+    def cell_velocities(self, points: int = 1) -> Floats:
+        """Return velocities evenly in basis units, `points` a cell, (points * cell_count,), m/s."""
 
     @property
     def cell_count(self) -> int:
@@ -206,6 +215,7 @@ class WaveletBasis:
     def __init__(
         self, config: BasisConfig, reach: tuple[float, float] | None = None, scale: float | None = None
     ) -> None:
+        self._config, self._scale_m_s = config, scale
         covered = reach or config.velocity_range
         if not covered:
             raise ConfigError("basis.velocity_range is empty: give [lowest, highest] in m/s")
@@ -291,9 +301,33 @@ class WaveletBasis:
         """Return the cell of each velocity, held inside the range, (n,)."""
         return self.located(velocity_m_s)[2]
 
-    def cell_velocities(self) -> Floats:
-        """Return the velocity in the middle of each cell, (cell_count,), m/s."""
-        middle = (self.first_cell + np.arange(self.cell_count) + 0.5) / CELLS_PER_UNIT * self.unit
+    def widened(self) -> "WaveletBasis":
+        """Return a basis of the same functions and those beside them, over all that the coarsest of these reach.
+
+        At most `WIDEST` units more on either side, and the basis itself where even that would be too large.
+        """
+        span = min(self._table.shape[2] * 2.0 ** self.levels[-1], WIDEST)
+        ends = [
+            _position(v, self.unit, self.bend) + sign * span for v, sign in zip(self.reach, (-1.0, 1.0), strict=True)
+        ]
+        low, high = (self._velocity_at(end) for end in ends)
+        try:
+            return WaveletBasis(self._config, (low, high), self._scale_m_s)
+        except ConfigError:
+            return self
+
+    def _velocity_at(self, position: float) -> float:
+        """Return the velocity at a number of basis units."""
+        along = position * self.unit
+        return float(self.bend * np.sinh(along / self.bend)) if self.bend > 0.0 else along
+
+    def cell_velocities(self, points: int = 1) -> Floats:
+        """Return velocities evenly in basis units, `points` a cell, (points * cell_count,), m/s.
+
+        One point a cell is its middle; at the ends they are held inside the range.
+        """
+        along = (np.arange(points * self.cell_count) + 0.5) / points
+        middle = (self.first_cell + along) / CELLS_PER_UNIT * self.unit
         velocity = self.bend * np.sinh(middle / self.bend) if self.bend > 0.0 else middle
         return np.asarray(np.clip(velocity, self.low, self.high))
 

@@ -13,6 +13,7 @@ from friction_estimator.core.model.structure import CHUNK, Extension, Model, Par
 from friction_estimator.core.online import kernels, recovery, state_check, workspace
 from friction_estimator.core.online.adaptation import LAWS
 from friction_estimator.core.online.growth import carried_over, cold_start, grown_model
+from friction_estimator.core.online.larger_unit import in_larger_units, units_too_small
 from friction_estimator.core.online.workspace import Workspace
 from friction_estimator.core.sample import Bools, Floats, Samples
 from friction_estimator.core.settings.config import PARAMETERS, Config
@@ -148,16 +149,23 @@ class Estimator:
                     spread[here],
                     *self.work.arrays(),
                 )
+                ready = slice(here.start, here.start + taken if taken else here.stop)
+                predicted[ready] *= self.model.unit_N
+                spread[ready] *= self.model.unit_N
                 if not taken:
                     break
-                self.grow()
+                if self.grow():
+                    theory = self.model.theoretical_friction(chunk)
                 done += taken
-        predicted *= self.model.unit_N
-        spread *= self.model.unit_N
         return predicted
 
-    def grow(self) -> None:
-        """Let the range reach the velocities that came in a row beyond its edge; too large a basis stays as it is."""
+    def grow(self) -> bool:
+        """Let the range reach the velocities that came in a row beyond its edge; too large a basis stays as it is.
+
+        Returns
+        -------
+        Whether the force unit rose with it (`larger_unit`); the theory's scale may then be another, too.
+        """
         status = self.work.status
         status[workspace.BEYOND] = 0
         nearest, farthest = (float(self.work.moments[i]) for i in (workspace.NEAREST, workspace.FARTHEST))
@@ -166,13 +174,21 @@ class Estimator:
         model = grown_model(self.model, velocity, self.model.extension)
         if model is None:
             status[workspace.MAY_GROW] = 0
-            return
+            return False
         prior = Prior.of(model)
         self.work = carried_over(self.work, self.model, model, prior)
         self.work.status[workspace.GROWN] += 1
-        self.config = self.config.updated({"learned.velocity_range": model.basis.reach})
+        rise = 1.0 if self.config.force_unit > 0.0 else units_too_small(self.work)
+        if rise > 1.0:
+            larger = Model(model.config.updated({"learned.force_unit": rise * model.unit_N}), model.extension)
+            prior = Prior.of(larger)
+            self.work = in_larger_units(self.work, model, larger, prior)
+            model = larger
+        chosen = {"learned.velocity_range": model.basis.reach}
+        self.config = self.config.updated(chosen | ({"learned.force_unit": model.unit_N} if rise > 1.0 else {}))
         self.work.law[:] = self.law.constants(self.config)
         self.model, self._prior = model, prior
+        return rise > 1.0
 
     def step(
         self,

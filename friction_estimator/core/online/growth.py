@@ -14,18 +14,18 @@ from friction_estimator.core.model.structure import Extension, Model
 from friction_estimator.core.online import recovery
 from friction_estimator.core.online import workspace as at
 from friction_estimator.core.online.workspace import Workspace
-from friction_estimator.core.sample import Floats, Ints
+from friction_estimator.core.sample import Floats
 from friction_estimator.core.settings.units import MARGIN
 
 LARGEST_GROWTH = 10.0
 """Largest factor by which the range grows at once: faster drives take another twenty samples, and a burst of absurd
 velocities does not make the model large."""
 
-EDGE_DEVIATION = 0.03
-"""Force units by which g may miss the edge's value, against prior deviations of the appended weights."""
+POINTS_A_CELL = 4
+"""Of the fit that carries a curve over: several for the finest function."""
 
-EDGE_POINTS = 8
-"""Points a basis unit at which the appended functions are to hold the edge's value."""
+WITHIN_DEVIATION, BEYOND_DEVIATION = 1e-4, 0.03
+"""Force units by which g may miss what it was, and its edge's value beyond, against prior deviations of weights."""
 
 
 def grown_model(model: Model, velocity_m_s: float, extension: Extension | None) -> Model | None:
@@ -43,8 +43,8 @@ def grown_model(model: Model, velocity_m_s: float, extension: Extension | None) 
 def carried_over(work: Workspace, before: Model, after: Model, prior: Prior) -> Workspace:
     """Return the work space of `after`, with what `before` had learned.
 
-    The curve over the former range is what it was, since all functions that reach into it were there. The appended
-    weights are those of least prior norm with which g keeps its edge value beyond; their covariance is the prior's.
+    The curve over the former range is what it was, and level beyond. Functions that reach into the former range keep
+    their covariance, the appended ones have the prior's.
 
     Parameters
     ----------
@@ -59,12 +59,12 @@ def carried_over(work: Workspace, before: Model, after: Model, prior: Prior) -> 
     fresh = np.setdiff1d(np.arange(after.size), kept)
     shift = before.basis.first_cell - after.basis.first_cell
 
-    hold_edge = _edge_holder(place, before, after, prior)
+    held_at_edges = _edge_holder(before, after)
 
     def larger_theta(theta: Floats) -> Floats:
         larger = np.zeros(after.size)
         larger[kept] = theta
-        hold_edge(larger[taps : taps + new])
+        larger[taps : taps + new] = held_at_edges(theta[taps : taps + old])
         return larger
 
     def larger_errors(errors: Floats) -> Floats:
@@ -123,26 +123,32 @@ def prior_arrays(prior: Prior) -> dict[str, Floats]:
     }
 
 
-def _edge_holder(place: Ints, before: Model, after: Model, prior: Prior) -> Callable[[Floats], None]:
-    """Return what sets the appended among the weights of g, (size,), so that g is flat beyond the former range."""
-    size = after.basis.size
-    fresh = np.setdiff1d(np.arange(size), place)
-    if not fresh.size:
-        return lambda _: None
-    (low, high), (lowest, highest) = before.basis.reach, after.basis.reach
-    points = max(2, round(EDGE_POINTS * (after.basis.cell_count - before.basis.cell_count)))
-    velocity = np.concatenate([np.linspace(lowest, low, points), np.linspace(high, highest, points)])
-    index, value = after.basis.rows(velocity)
-    dense = np.zeros((velocity.size, size))
+def _edge_holder(before: Model, after: Model) -> Callable[[Floats], Floats]:
+    """Return what makes weights of `after`, (size,), from those of `before`: g is what it was, and flat beyond.
+
+    A least-squares fit over velocity to the curve as it was, held at its edges beyond, against the prior's deviations
+    from the weights as they were; those at the edges, of which the samples said little, move too. The fit reaches as
+    far beyond the new edges as any function does: one that knew only a part of a function would give it a wild weight.
+    """
+    basis = after.basis
+    wide = basis.widened()
+    place, theirs = wide.places_of(before.basis), wide.places_of(basis)
+    velocity = wide.cell_velocities(POINTS_A_CELL)
+    index, value = wide.rows(velocity)
+    dense = np.zeros((velocity.size, wide.size))
     np.put_along_axis(dense, index.astype(np.int64), value, axis=1)
     held, at_edge = before.basis.rows(velocity)  # rows are held at the edge outside
-    scale = prior.deviation[int(after.shape[0]) :][fresh]
-    columns = dense[:, fresh] * scale
-    gram = cho_factor(columns.T @ columns + EDGE_DEVIATION**2 * np.eye(fresh.size))
+    importance = 1.0 / np.where(before.basis.inside(velocity), WITHIN_DEVIATION, BEYOND_DEVIATION)
+    scale = after.config.prior.weight_deviation * wide.prior_scale(after.config.prior.weight_slope)
+    columns = dense * scale * importance[:, None]
+    gram = cho_factor(columns.T @ columns + np.eye(wide.size))
 
-    def hold(weights: Floats) -> None:
-        wanted = np.sum(weights[place][held] * at_edge, axis=1)
-        weights[fresh] = scale * cho_solve(gram, columns.T @ (wanted - dense @ weights))
+    def hold(weights: Floats) -> Floats:
+        larger = np.zeros(wide.size)
+        larger[place] = weights
+        wanted = np.sum(weights[held] * at_edge, axis=1)
+        larger += scale * cho_solve(gram, columns.T @ (importance * (wanted - dense @ larger)))
+        return np.asarray(larger[theirs])
 
     return hold
 

@@ -20,6 +20,13 @@ MOTION_S = 10.0
 NOISE_FACTOR = 6.0
 """Speeds above this many standard deviations of the velocity's noise are motion."""
 
+LATTICE_STEPS, LATTICE_REPEATS = 1.6, 4
+"""Steps of a quantised velocity that rest may show (`intake.standstill` has the same), and how often its values come on
+average: fast motion shows most of them once."""
+
+LEAST_STEP = 1e-6
+"""Share of the largest speed below which a difference is rounding, and no step."""
+
 LEAST_CREEP = 0.01
 """Share of the largest robust speed above which the time in motion counts: a fast homing must not hide slow work."""
 
@@ -46,7 +53,7 @@ def shown(samples: Samples) -> bool:
     """Return whether the drive has shown itself in these samples."""
     velocity = samples.velocity_m_s
     speed = np.abs(velocity)
-    noise = NOISE_FACTOR * rest_noise(samples)
+    noise = max(NOISE_FACTOR * rest_noise(samples), LATTICE_STEPS * lattice_step(velocity))
     top = robust_top(speed)
     if not top > 0.0:
         return False
@@ -96,6 +103,23 @@ def rest_noise(samples: Samples) -> float:
     follows = ~(samples.restart[2:] | samples.restart[1:-1])
     second = second[follows]
     return float(np.median(np.abs(second))) / 0.6745 / math.sqrt(6.0) if second.size else 0.0
+
+
+def lattice_step(velocity_m_s: Floats) -> float:
+    """Return the least step between the values of a quantised channel that shows few of them, m/s; 0 for any other.
+
+    At rest such a channel shows the value or two next to zero, exactly, over and over. Where it shows one value only,
+    that is the step: nothing says that it is more.
+
+    >>> round(lattice_step(np.tile([0.1, -0.1, 0.1, 0.3], 8)), 3), lattice_step(np.linspace(-1.0, 1.0, 32))
+    (0.2, 0.0)
+    """
+    values = np.unique(velocity_m_s)
+    if values.size * LATTICE_REPEATS > velocity_m_s.size:
+        return 0.0
+    largest = float(np.abs(values).max())
+    step = np.diff(values)
+    return float(step[step > largest * LEAST_STEP].min(initial=largest))
 
 
 def robust_top(speed: Floats) -> float:
