@@ -49,7 +49,7 @@ ALLOWED = {
 ALLOWED_IN_CORE = {
     "top": set(),
     "settings": {"top"},
-    "intake": {"settings", "top"},
+    "intake": {"model", "settings", "top"},  # the known load is taken off at admission
     "model": {"settings", "top"},
     "fit": {"model", "settings", "top"},
     "online": {"fit", "model", "intake", "settings", "top"},

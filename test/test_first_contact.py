@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from synthetic import samples_of, stribeck
 
 from friction_estimator.core.online import first_contact
-from friction_estimator.core.online.first_contact import FirstContact, in_sequence, meet
-from friction_estimator.core.sample import Samples
+from friction_estimator.core.online.first_contact import FirstContact, meet
+from friction_estimator.core.sample import Samples, in_sequence
 from friction_estimator.core.settings import units
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import chosen, rest_noise, robust_top, shown

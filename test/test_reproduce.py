@@ -58,7 +58,7 @@ def test_verdict(cases):
 def made_up(errors):
     """A study of 6 seeds whose errors by (model, cycle number) are given, with a little scatter."""
     generator = np.random.default_rng(1)
-    empty = Parameters(np.ones(1), np.zeros(1), np.zeros(0), np.zeros(0))
+    empty = Parameters(np.ones(1), np.zeros(1), *[np.zeros(0)] * 3)
     outcomes = {}
     for condition in CONDITIONS:
         for seed in range(6):
@@ -92,7 +92,7 @@ def test_convergence_of_hammerstein_follows_the_errors(errors, expected):
 
 
 def test_samples_until_counts_from_the_last_window_above_the_level():
-    run = Outcome(np.ones(3), np.array([5.0, 2.0, 3.0, 1.0, 1.0]), 1.0, Parameters(*[np.zeros(0)] * 4))
+    run = Outcome(np.ones(3), np.array([5.0, 2.0, 3.0, 1.0, 1.0]), 1.0, Parameters(*[np.zeros(0)] * 5))
     assert [run.samples_until(level) for level in (5.0, 2.5, 1.0, 0.5)] == [0.0, 3.0, 3.0, float("inf")]
     assert replace(run, window_rms=np.array([1.0, np.nan])).samples_until(2.0) == float("inf")
 

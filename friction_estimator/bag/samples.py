@@ -16,6 +16,9 @@ from friction_estimator.core.settings.config import Config
 CHUNK = 65536
 """Events paired at a time."""
 
+LOAD_CHANNELS = {"position": "position_m", "acceleration": "acceleration_m_s2"}
+"""What load terms need, made at admission where it was not recorded."""
+
 
 @dataclass(frozen=True)
 class Admitted:
@@ -51,6 +54,8 @@ def to_samples(recording: Recording, config: Config) -> Admitted:
         for part in [slice(start, start + CHUNK)]
     ]
     intake.flush()
+    last = intake.drain()
+    parts += [last] if last is not None else []
     counts = dict(intake.counts)
     used = counts.pop("used", 0)
     if not used:
@@ -67,6 +72,9 @@ def to_samples(recording: Recording, config: Config) -> Admitted:
             ("position", "position_m"),
         )
     }
+    for name in ("position", "acceleration"):
+        if intake.load.needs(name):
+            held[LOAD_CHANNELS[name]] = joined(LOAD_CHANNELS[name])
     if intake.encoder.wraps.count:
         held["position_shift_m"] = joined("position_shift_m")
     samples = Samples(

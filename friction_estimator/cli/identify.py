@@ -13,6 +13,7 @@ from friction_estimator.core.errors import ConfigError, about
 from friction_estimator.core.fit.batch import BatchFit, fit_batch
 from friction_estimator.core.intake.standstill import standstill
 from friction_estimator.core.metrics import nrmse
+from friction_estimator.core.model.load import friction_alone
 from friction_estimator.core.online.adaptation import LAWS
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.online.replay import Replay, check_answerable, curves_of, replay
@@ -54,7 +55,7 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
         check_answerable(samples)
         learned = _learned(len(samples), args.freeze_after)
         # Range and units are those of the samples that are fitted: all are known before.
-        config = chosen(session.config, samples.velocity_m_s[learned], samples.friction_N[learned])
+        config = chosen(session.config, samples.velocity_m_s[learned], friction_alone(session.config, samples)[learned])
     tell_units(output, session.config, config)
     begin = time.perf_counter()
     with common.progress("fitting", len(samples)) as advance:

@@ -28,6 +28,8 @@ class Samples:
     temperature_degC : (n,) float64 or None, held at the sample, degree Celsius; NaN before the first value.
     position_m : (n,) float64 or None, shaft position held at the sample, m; NaN before the first value.
     position_shift_m : (n,) float64 or None, what was added to the recorded position where its encoder had wrapped, m.
+    acceleration_m_s2 : (n,) float64 or None, of the same instant, from velocity (`intake.acceleration`), m/s^2; made
+        where `load.terms` needs it.
     """
 
     stamp_ns: Ints
@@ -38,6 +40,7 @@ class Samples:
     temperature_degC: Floats | None = None
     position_m: Floats | None = None
     position_shift_m: Floats | None = None
+    acceleration_m_s2: Floats | None = None
 
     def __post_init__(self) -> None:
         n = self.stamp_ns.size
@@ -100,3 +103,13 @@ def joined(recordings: Sequence[Samples]) -> Samples:
     begins = np.cumsum([0, *(len(part) for part in recordings[:-1])])
     whole["restart"][begins[begins < whole["restart"].size]] = True
     return Samples(**whole)
+
+
+def in_sequence(parts: list[Samples]) -> Samples:
+    """Return parts of one stream as one, restarts where they are."""
+    if not parts:
+        empty = np.zeros(0)
+        return Samples(np.zeros(0, np.int64), empty, empty, np.zeros(0, np.bool_))
+    whole = joined(parts)
+    whole.restart[:] = np.concatenate([part.restart for part in parts])
+    return whole

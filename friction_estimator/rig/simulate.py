@@ -11,7 +11,7 @@ from friction_estimator.core.intake.admission import Intake
 from friction_estimator.core.intake.pairing import FRICTION, POSITION, PRESSURE, TEMPERATURE, VELOCITY
 from friction_estimator.core.model.oil import checked_temperature
 from friction_estimator.core.model.theory_seal import SealCurve
-from friction_estimator.core.sample import Floats, Ints, Samples
+from friction_estimator.core.sample import Floats, Ints, Samples, in_sequence
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.groups import SealConfig
 from friction_estimator.effects import STAGES, Effect, Trace, compose
@@ -139,7 +139,9 @@ class Simulation:
 
     def paired(self, config: Config | None = None) -> Samples:
         """Return the samples that a reader pairs and admits under `sync.*` (default configuration unless given)."""
-        return Intake(config or Config(), capacity=len(self.samples) + 1).push(*self._events)
+        intake = Intake(config or Config(), capacity=len(self.samples) + 1)
+        samples, last = intake.push(*self._events), intake.drain()
+        return samples if last is None else in_sequence([samples, last])
 
 
 def simulate(scenario: Scenario, law: Law | None = None) -> Simulation:

@@ -191,13 +191,12 @@ class SampleStream:
             self.lost += len(samples)
             self._waiting = self.intake.pairer.waiting
         elif step.contact is None and not step.behind and not self._breathless:
-            sequencer = self.intake.sequencer
-            admitted, predictions = sequencer.admitted, self.predictions
+            admitted, predictions = self.intake.admitted, self.predictions
             begin = time.perf_counter_ns()
             try:
                 self._hand_on(step.run(count, learn=self.learn))
             finally:
-                self.lost += sequencer.admitted - admitted - (self.predictions - predictions)
+                self.lost += self.intake.admitted - admitted - (self.predictions - predictions)
                 self._waiting = self.intake.pairer.waiting
             if self.predictions != predictions:
                 now = time.perf_counter_ns()
@@ -223,8 +222,8 @@ class SampleStream:
 
     def _wait(self, step: LiveStep, count: int) -> None:
         """Let the samples that `count` events complete wait; where that ends the first contact, begin with them."""
-        sequencer, contact, behind = self.intake.sequencer, step.contact, step.behind
-        admitted = sequencer.admitted - self.held_back - self.dropped - self.overrun
+        intake, contact, behind = self.intake, step.contact, step.behind
+        admitted = intake.admitted - self.held_back - self.dropped - self.overrun
         try:
             step.run(count, learn=self.learn, most=0)
             if contact is None:
@@ -237,7 +236,7 @@ class SampleStream:
         finally:
             if contact is not None and (self._step is None or step.contact is None):
                 self._dropped += contact.dropped
-            self.lost += sequencer.admitted - self.held_back - self.dropped - self.overrun - admitted
+            self.lost += intake.admitted - self.held_back - self.dropped - self.overrun - admitted
             self._waiting = self.intake.pairer.waiting
         if contact is not None:
             self.work_off()
@@ -266,7 +265,7 @@ class SampleStream:
         """Predict some of the samples that waited; to be called again and again while `working_off`."""
         self._breath = time.perf_counter_ns()
         step = self._step
-        now, admitted = time.monotonic(), self.intake.sequencer.admitted
+        now, admitted = time.monotonic(), self.intake.admitted
         piece = 1 + round((now - self._worked_off_at) * WORK_OFF_HZ) + 2 * (admitted - self._admitted_then)
         self._worked_off_at, self._admitted_then = now, admitted
         if step is None or not step.behind:

@@ -1,10 +1,14 @@
-"""The one way from messages to samples: pairing, sign, admission, turns. Used by the live node and by replay alike."""
+"""The one way from messages to samples: pairing, sign, admission, turns, load. The live node and replay go it alike."""
+
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from friction_estimator.core.intake.acceleration import AccelerationFilter, PositionIntegral
 from friction_estimator.core.intake.encoder import Encoder
 from friction_estimator.core.intake.pairing import POSITION, PRESSURE, USED, Pairer, Pairs, Sequencer
+from friction_estimator.core.model.load import LoadTerms
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
 
@@ -16,12 +20,13 @@ class Intake:
 
     Parameters
     ----------
-    config : `sync.*` and `input.friction_sign` are read.
+    config : `sync.*`, `input.friction_sign` and `load.*` are read.
     capacity : messages kept per stream while they wait for a partner; `sync.queue` unless given.
 
     Attributes
     ----------
     sign : 1 or -1, what measured friction is multiplied with.
+    load : the load terms; what is known of them is taken off the measured effort.
 
     Examples
     --------
@@ -38,6 +43,19 @@ class Intake:
         self.sequencer = Sequencer(config.sync)
         self.encoder = Encoder()
         self.sign = float(config.input.friction_sign)
+        self.load = LoadTerms(config)
+        self._position = PositionIntegral() if self.load.needs("position") else None
+        self._acceleration = AccelerationFilter(config.load.half_width) if self.load.needs("acceleration") else None
+
+    @property
+    def admitted(self) -> int:
+        """Samples handed out: those that wait for their acceleration are not among them."""
+        return self.sequencer.admitted - (self._acceleration.waiting if self._acceleration else 0)
+
+    @property
+    def plain(self) -> bool:
+        """Whether samples are handed out as they are paired: there is no load."""
+        return not (self.load.unknown or self.load.known)
 
     def retune(self, config: Config) -> None:
         """Take over other settings; nothing that waits, was counted or is known of the past is lost.
@@ -62,7 +80,7 @@ class Intake:
         held = pairs.held[used]
         stamp_ns, velocity_m_s, begins = pairs.stamp_ns[used], pairs.velocity_m_s[used], restart[used]
         position_m = held[:, POSITION - PRESSURE].copy()
-        return Samples(
+        samples = Samples(
             stamp_ns=stamp_ns,
             velocity_m_s=velocity_m_s,
             friction_N=self.sign * pairs.friction_N[used],
@@ -72,6 +90,19 @@ class Intake:
             position_shift_m=self.encoder.push(stamp_ns, velocity_m_s, begins, position_m),
             position_m=position_m,
         )
+        if self._position is not None:
+            self._position.fill(stamp_ns, velocity_m_s, begins, position_m)
+        return self._unloaded(samples if self._acceleration is None else self._acceleration.push(samples))
+
+    def drain(self) -> Samples | None:
+        """Return the samples that wait for their acceleration, at the end of a recording; None where none can wait."""
+        return None if self._acceleration is None else self._unloaded(self._acceleration.drain())
+
+    def _unloaded(self, samples: Samples) -> Samples:
+        """Return the samples with the known load taken off."""
+        if not self.load.known:
+            return samples
+        return replace(samples, friction_N=samples.friction_N - self.load.known_N(samples))
 
     def flush(self) -> None:
         """Count what still waits for a partner as dropped (end of a recording, reset)."""

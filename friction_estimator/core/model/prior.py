@@ -3,7 +3,7 @@
     Hammerstein    A ~ N(e0, S),   S_ij = deviation^2 decay^max(i, j)
     parallel       A, A1 ~ N(e0, S/6 given that the taps sum to 1) + N(0, gain^2) e0
     W  ~ N(0, diag(d_m^2)) given g(0) ~ 0,   d_m = deviation 2^(slope (m - M))
-    C  ~ N(0, 100^2)
+    C  ~ N(0, 100^2)   in force units for the load, in the term's own unit for what a diagnosis added
 
 with e0 = [1, 0, ..] and S the TC kernel (Chen, Ohlsson and Ljung 2012): H and H1 pass their input through, impulse
 responses die out smoothly (Pillonetto and De Nicolao 2010), g is smooth, and where nothing was seen nothing is learned.
@@ -35,6 +35,16 @@ METRIC_SLOPE, METRIC_TAP, PARALLEL_METRIC_TAP = 0.5, 0.1, 0.03
 """Of nlms: exponent of a weight's level, and deviations of taps against coarse weights. In the parallel model g starts
 at zero and says nothing of the taps behind it: noise would move looser ones."""
 
+LOAD_DEVIATION, LOAD_METRIC = 100.0, 0.3
+"""Of a load coefficient in force units: its prior deviation (any load is possible), and its metric deviation."""
+
+ASYMMETRY_DEVIATION = 0.5
+"""Force units by which friction may differ between the directions as a whole, where an unknown load is the same in both:
+a constant and an unlike Coulomb friction differ at standstill only, where nothing is learned."""
+
+ASYMMETRY_WIDTH, ASYMMETRY_POINTS = 0.02, 512
+"""Share of the speed scale over which that difference sets in, and points at which it is fitted with the basis."""
+
 EXTENSION_DEVIATION = 100.0
 """Of a coefficient of an extension term, in the term's own unit: a diagnosis measured it, the data say the rest."""
 
@@ -61,7 +71,8 @@ class Prior:
     def of(cls, model: Model) -> "Prior":
         """Return the prior of a structure, from `prior.*` of its configuration."""
         settings = model.config.prior
-        taps, weights, theory_taps, extensions = (int(v) for v in model.shape)
+        taps, weights, theory_taps, beside = (int(v) for v in model.shape)
+        load, extensions = model.load.size, beside - model.load.size
         mean = np.zeros(model.size)
         mean[0] = 1.0
         if theory_taps:
@@ -72,13 +83,17 @@ class Prior:
         if model.basis.reach[0] <= 0.0 <= model.basis.reach[1]:
             at_rest[rest[0][0]] = rest[1][0]
         nonlinear = conditioned(np.diag(deviation**2), at_rest, settings.rest_deviation)
+        if model.load.even:
+            step = ASYMMETRY_DEVIATION * even_step(model, nonlinear)
+            nonlinear = nonlinear + np.outer(step, step)
         shared, decay = PARALLEL_SHARE * settings.tap_deviation, settings.tap_decay
         covariance = block_diag(
             impulse_response(taps, shared, decay, settings.gain_deviation)
-            if theory_taps
+            if theory_taps or load
             else decaying(taps, settings.tap_deviation, decay),
             nonlinear,
             impulse_response(theory_taps, shared, decay, settings.theory_gain_deviation),
+            LOAD_DEVIATION**2 * np.eye(load),
             EXTENSION_DEVIATION**2 * np.eye(extensions),
         )
         tap = PARALLEL_METRIC_TAP if theory_taps else METRIC_TAP
@@ -86,6 +101,7 @@ class Prior:
             np.full(taps, tap),
             model.basis.prior_scale(METRIC_SLOPE),
             np.full(theory_taps, METRIC_TAP),
+            np.full(load, LOAD_METRIC),
             np.ones(extensions),
         ]
         return cls(
@@ -107,6 +123,28 @@ class Prior:
     def deviation(self) -> Floats:
         """Prior standard deviation of each parameter, (n,)."""
         return np.sqrt(np.diag(self.covariance))
+
+
+def even_step(model: Model, covariance: Floats) -> Floats:
+    """Return the weights of g(v) = |tanh(v / v_s)|, (size,): friction that is one unit more one way and less the other.
+
+    Parameters
+    ----------
+    covariance : (size, size), prior of the weights: of those that fit alike the most probable are taken.
+    """
+    low, high = model.basis.reach
+    top = max(abs(low), abs(high))
+    # Finer about standstill, where the step is.
+    velocity = top * np.linspace(-1.0, 1.0, ASYMMETRY_POINTS) ** 3
+    velocity = velocity[(velocity >= low) & (velocity <= high)]
+    index, value = model.basis.rows(velocity)
+    dense = np.zeros((velocity.size, model.basis.size))
+    np.put_along_axis(dense, index.astype(np.int64), value, axis=1)
+    wanted = np.abs(np.tanh(velocity / (ASYMMETRY_WIDTH * top)))
+    spread = dense @ covariance
+    gram = spread @ dense.T
+    noise = LEAST_SHARE**0.5 * float(np.mean(np.diag(gram)))
+    return np.asarray(spread.T @ np.linalg.solve(gram + noise * np.eye(velocity.size), wanted))
 
 
 def conditioned(covariance: Floats, direction: Floats, deviation: float) -> Floats:

@@ -3,12 +3,13 @@
     hammerstein   f = H(q) g(v)
     parallel      f = H1(q) d(v; p, T) + H(q) g(v)
 
+and beside either the unknown terms of the load (`load`) and those that a diagnosis added, linear in their coefficients.
 g is a sum over a wavelet basis, H and H1 are FIR filters, d is the theoretical steady-state curve (Kwak, Yagle, Levitt
 1998, section 2). Inside, forces are in units of `force_unit` and velocities in units of `basis.velocity_unit`, so one
 set of step sizes serves a 5 N seal and a 5 kN cylinder.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Protocol
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.model.basis import Basis, basis_from_config
+from friction_estimator.core.model.load import LoadTerms
 from friction_estimator.core.model.prediction import THEORY_TAPS
 from friction_estimator.core.model.theory import TheoryCurve, theory_from_config
 from friction_estimator.core.sample import Bools, Floats, Ints, Samples
@@ -63,17 +65,22 @@ class Inputs:
 
 @dataclass(frozen=True)
 class Parameters:
-    """Learned values: FIR taps (n_taps,), theory taps (n_taps,) or empty, weights (size,), extension coefficients."""
+    """Learned values: FIR taps (n_taps,), weights (size,), theory taps (n_taps,) or empty, load, extension."""
 
     fir_taps: Floats
     wavelet_weights: Floats
     theory_taps: Floats
+    load_weights: Floats
     extension_weights: Floats
 
     @property
     def theta(self) -> Floats:
-        """The parameter vector [A, W, A1, C]."""
-        return np.concatenate([self.fir_taps, self.wavelet_weights, self.theory_taps, self.extension_weights])
+        """The parameter vector [A, W, A1, C], C the coefficients of load and extension."""
+        return np.concatenate([getattr(self, name) for name in LEARNED])
+
+
+LEARNED = tuple(item.name for item in fields(Parameters))
+"""The parts of the parameter vector in their order; `learned.NAME` of the configuration holds each."""
 
 
 def check_count(name: str, given: int, wanted: int) -> None:
@@ -125,10 +132,11 @@ class Model:
         self.unit_N = config.unit_N
         self.basis: Basis = basis_from_config(config)
         self.theory: TheoryCurve | None = theory_from_config(config)
+        self.load = LoadTerms(config)
         self.extension = extension
         taps = config.fir.order + 1
         theory_taps = taps if config.model.type == "parallel" else 0
-        columns = extension.size if extension else 0
+        columns = self.load.size + (extension.size if extension else 0)
         self.shape: Ints = np.array([taps, self.basis.size, theory_taps, columns], np.int64)
         self._edges = np.cumsum(self.shape)
         self.theory_scale = theory_scale(config, self.theory)
@@ -141,7 +149,14 @@ class Model:
     def split(self, theta: Floats) -> Parameters:
         """Return the parts of a parameter vector (copies)."""
         a, b, c, _ = self._edges
-        return Parameters(theta[:a].copy(), theta[a:b].copy(), theta[b:c].copy(), theta[c:].copy())
+        parts = theta[:a], theta[a:b], theta[b:c], theta[self.load_places], theta[c + self.load.size :]
+        return Parameters(*(part.copy() for part in parts))
+
+    @property
+    def load_places(self) -> slice:
+        """Where the parameter vector holds the coefficients of the load."""
+        start = int(self._edges[THEORY_TAPS])
+        return slice(start, start + self.load.size)
 
     def initial_theta(self) -> Floats:
         """Return the start: H = H1 = 1, g = 0, so that parallel predicts the theory; or the learned values given."""
@@ -150,7 +165,7 @@ class Model:
         if start.theory_taps.size:
             start.theory_taps[0] = 1.0
         learned = self.config.learned
-        for name in ("fir_taps", "wavelet_weights", "theory_taps", "extension_weights"):
+        for name in LEARNED:
             given, wanted = getattr(learned, name), getattr(start, name)
             if not given or (name == "theory_taps" and not wanted.size):
                 continue
@@ -193,22 +208,23 @@ class Model:
         temperature = np.full(velocity_m_s.size, temperature_degC)
         return self.theory_scale * self.theory.evaluate(velocity_m_s, pressure, temperature)
 
-    def extension_columns(self, samples: Samples, theory_N: Floats) -> Floats:
-        """Return the extension terms' values for the next samples, (n, columns), N; each sample is asked for once."""
-        if self.extension is None:
-            return np.zeros((len(samples), 0))
-        return self.extension.columns(samples, theory_N)
+    def linear_columns(self, samples: Samples, theory_N: Floats) -> Floats:
+        """Return load and extension terms of the next samples, (n, columns), N per coefficient; each asked for once."""
+        parts = [self.load.columns(samples)] if self.load.size else []
+        if self.extension is not None:
+            parts.append(self.extension.columns(samples, theory_N))
+        return np.concatenate(parts, axis=1) if parts else np.zeros((len(samples), 0))
 
     def inputs(self, samples: Samples, theory_N: Floats | None = None, columns_N: Floats | None = None) -> Inputs:
         """Return what the compiled loop takes for these samples.
 
         Parameters
         ----------
-        theory_N, columns_N : (n,) and (n, columns), `theoretical_friction` and `extension_columns` where known.
+        theory_N, columns_N : (n,) and (n, columns), `theoretical_friction` and `linear_columns` where known.
         """
         index, value, cell = self.basis.located(samples.velocity_m_s)
         theory = self.theoretical_friction(samples) if theory_N is None else theory_N
-        extension = self.extension_columns(samples, theory) if columns_N is None else columns_N
+        extension = self.linear_columns(samples, theory) if columns_N is None else columns_N
         unit = self.unit_N
         return Inputs(
             index=index,
@@ -238,7 +254,7 @@ class Model:
     def steady_state(self, theta: Floats, velocity_m_s: Floats, theory_N: Floats) -> tuple[Floats, Floats]:
         """Return the friction at constant velocity, and its gradient with respect to theta.
 
-        f(v) = sum(A) g(v) + sum(A1) d(v). Extension terms are left out: they have no value at a velocity alone.
+        f(v) = sum(A) g(v) + sum(A1) d(v). Load and extension are left out: they have no value at a velocity alone.
 
         Parameters
         ----------

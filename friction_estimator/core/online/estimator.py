@@ -9,7 +9,7 @@ import numpy as np
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.fit.band import POWER, PRODUCT, Curve, median_conditions, static_curve
 from friction_estimator.core.model.prior import Prior
-from friction_estimator.core.model.structure import CHUNK, Extension, Model, Parameters
+from friction_estimator.core.model.structure import CHUNK, LEARNED, Extension, Model, Parameters
 from friction_estimator.core.online import kernels, recovery, state_check, workspace
 from friction_estimator.core.online.adaptation import LAWS
 from friction_estimator.core.online.growth import carried_over, cold_start, grown_model
@@ -25,12 +25,16 @@ STATE_VERSION = 4
 STATE_WITHOUT_KEPT = 3
 """A former version, which is read too: no models kept aside, and three more moments of an alarm that is no more."""
 
+SINCE_THE_LOAD = ("load.terms", "load.half_width")
+"""Settings that states from before there were loads do not name: those were learned without."""
+
 STRUCTURE = (
     "model.type",
     "model.law",
     "force_unit",
     "fir.order",
     "extension.terms",
+    *SINCE_THE_LOAD,
     *(name for name in PARAMETERS if name.startswith(("basis.", "prior."))),
 )
 """Settings that must agree between a state and the estimator that takes it."""
@@ -127,7 +131,7 @@ class Estimator:
         for start in range(0, len(samples), CHUNK):
             chunk = samples[start : start + CHUNK]
             theory = self.model.theoretical_friction(chunk)
-            columns = self.model.extension_columns(chunk, theory)
+            columns = self.model.linear_columns(chunk, theory)
             done = 0
             while done < len(chunk):
                 rest = slice(done, None)
@@ -250,13 +254,7 @@ class Estimator:
     def learned_config(self) -> Config:
         """The configuration that starts warm from here: range, units and parameters as they are."""
         values = self.parameters
-        learned: dict[str, object] = {
-            "learned.fir_taps": values.fir_taps,
-            "learned.theory_taps": values.theory_taps,
-            "learned.wavelet_weights": values.wavelet_weights,
-            "learned.extension_weights": values.extension_weights,
-        }
-        return self.config.updated(learned)
+        return self.config.updated({f"learned.{name}": getattr(values, name) for name in LEARNED})
 
     @property
     def covariance(self) -> Floats | None:
@@ -332,7 +330,8 @@ class Estimator:
         """
         config = stated_config(self.config, state)
         for name in self._structure():
-            theirs, ours = state["structure"].get(name), PARAMETERS[name].of(self.config)
+            before = PARAMETERS[name].default if name in SINCE_THE_LOAD else None
+            theirs, ours = state["structure"].get(name, before), PARAMETERS[name].of(self.config)
             if _plain(theirs) != _plain(ours):
                 told = shown(theirs, LONGEST_NAME)
                 raise ConfigError(f"state was learned with {name} = {told}, this estimator has {ours}")
@@ -358,7 +357,8 @@ def stated_config(config: Config, state: Mapping[str, Any]) -> Config:
     chosen, structure = state.get("chosen"), state.get("structure")
     if not isinstance(chosen, Mapping) or not isinstance(structure, Mapping) or set(chosen) != set(CHOSEN):
         raise ConfigError("state does not say which range and units it was learned in: delete it to start cold")
-    learned = replace(config.learned, fir_taps=(), theory_taps=(), wavelet_weights=(), extension_weights=())
+    nothing: dict[str, Any] = dict.fromkeys(LEARNED, ())
+    learned = replace(config.learned, **nothing)
     return replace(config, learned=learned).updated(chosen)
 
 

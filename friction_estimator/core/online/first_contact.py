@@ -9,9 +9,8 @@ stream of the same samples choose alike; then all that waited are predicted in o
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
-from friction_estimator.core.sample import Samples, joined
+from friction_estimator.core.model.load import friction_alone
+from friction_estimator.core.sample import Samples, in_sequence
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import chosen, shown
 
@@ -81,8 +80,7 @@ class FirstContact:
             kept = self.queue()
             if shown(kept[: self._look]):
                 self._chosen_from = self._look
-                first = kept[: self._look]
-                return chosen(self._config, first.velocity_m_s, first.friction_N)
+                return self._choose(kept[: self._look])
             self._look = max(self._look + FIRST_LOOK, math.ceil(LOOK_GROWTH * self._look))
             if self._look > LARGEST_QUEUE:
                 self._let_go(kept)
@@ -92,7 +90,10 @@ class FirstContact:
         """Return the configuration from what there is: no sample will follow."""
         kept = self.queue()
         self._chosen_from = len(kept)
-        return chosen(self._config, kept.velocity_m_s, kept.friction_N)
+        return self._choose(kept)
+
+    def _choose(self, samples: Samples) -> Config:
+        return chosen(self._config, samples.velocity_m_s, friction_alone(self._config, samples))
 
     def queue(self) -> Samples:
         """Return the samples that wait, in order."""
@@ -127,13 +128,3 @@ def meet(config: Config, samples: Samples) -> Contact:
     contact = FirstContact(config)
     met = contact.push(samples)
     return Contact(met or contact.finish(), contact.chosen_from, contact.dropped, met is not None)
-
-
-def in_sequence(parts: list[Samples]) -> Samples:
-    """Return parts of one stream as one, restarts where they are."""
-    if not parts:
-        empty = np.zeros(0)
-        return Samples(np.zeros(0, np.int64), empty, empty, np.zeros(0, np.bool_))
-    whole = joined(parts)
-    whole.restart[:] = np.concatenate([part.restart for part in parts])
-    return whole

@@ -3,7 +3,7 @@
 `Intake.push` and `Estimator.run` take arrays and spend, on arrays of one, ten times as long on checks, views and
 small allocations as in the kernels. `LiveStep` calls the same kernels on arrays that it allocates once. The result is
 that of `Intake.push` and `Estimator.run` bit for bit, which a test asserts; whatever is not the usual case (several
-samples at once, extension terms, a curve other than the seal's) goes through those two.
+samples at once, a load, extension terms, a curve other than the seal's) goes through those two.
 """
 
 from collections import deque
@@ -20,8 +20,8 @@ from friction_estimator.core.model.basis import WaveletBasis, wavelet_rows
 from friction_estimator.core.model.theory_seal import SealCurve, seal_loop
 from friction_estimator.core.online import kernels
 from friction_estimator.core.online.estimator import Estimator
-from friction_estimator.core.online.first_contact import FirstContact, in_sequence
-from friction_estimator.core.sample import Samples
+from friction_estimator.core.online.first_contact import FirstContact
+from friction_estimator.core.sample import Samples, in_sequence
 from friction_estimator.core.settings.config import Config
 
 CAPACITY = 128
@@ -206,7 +206,10 @@ class LiveStep(Events):
         self._model, self._work, self._config = model, estimator.work, config
         basis, curve = model.basis, model.theory
         self._usual = (
-            model.extension is None and isinstance(basis, WaveletBasis) and isinstance(curve, SealCurve | None)
+            model.extension is None
+            and self.intake.plain
+            and isinstance(basis, WaveletBasis)
+            and isinstance(curve, SealCurve | None)
         )
         if not isinstance(basis, WaveletBasis) or not self._usual:
             return

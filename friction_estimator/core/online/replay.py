@@ -307,6 +307,7 @@ def parameters_of(model: Model, parameters: Parameters) -> dict[str, Any]:
         "fir_taps": parameters.fir_taps,
         "theory_taps": parameters.theory_taps if parameters.theory_taps.size else None,
         "wavelet_weights": parameters.wavelet_weights,
+        "load_weights": parameters.load_weights if parameters.load_weights.size else None,
         "extension_weights": parameters.extension_weights if parameters.extension_weights.size else None,
         "force_unit_N": config.unit_N,
         "basis": {

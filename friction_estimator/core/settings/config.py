@@ -21,6 +21,7 @@ from friction_estimator.core.settings.groups import (
     InputConfig,
     LearnedConfig,
     LmsConfig,
+    LoadConfig,
     ModelConfig,
     NlmsConfig,
     PriorConfig,
@@ -62,6 +63,7 @@ class Config:
     publish: PublishConfig = PublishConfig()
     state: StateConfig = StateConfig()
     files: FilesConfig = FilesConfig()
+    load: LoadConfig = LoadConfig()
     extension: ExtensionConfig = ExtensionConfig()
     learned: LearnedConfig = LearnedConfig()
 

@@ -328,6 +328,25 @@ class FilesConfig:
 
 
 @dataclass(frozen=True)
+class LoadConfig:
+    """What the measured effort holds beside friction."""
+
+    terms: tuple[str, ...] = setting(
+        (),
+        "What the effort holds beside friction: inertia, gravity (sin and cos of the position), spring, constant. NAME "
+        "is learned; what has a value is known and taken off: inertia=0.02, gravity:sin=1.2,cos=0, "
+        "spring:centre=0,stiffness=3.",
+    )
+    half_width: int = setting(
+        5,
+        "Samples on either side of one from whose velocities its acceleration is taken: with inertia among load.terms "
+        "a sample is predicted that many samples late.",
+        low=2,
+        high=100,
+    )
+
+
+@dataclass(frozen=True)
 class ExtensionConfig:
     """Terms that a diagnosis added to the model."""
 
@@ -389,6 +408,14 @@ class LearnedConfig:
     )
     wavelet_weights: tuple[float, ...] = setting(
         (), "Weights of g.", low=-LARGEST_PARAMETER, high=LARGEST_PARAMETER, live=True, learned=True
+    )
+    load_weights: tuple[float, ...] = setting(
+        (),
+        "Coefficients of the unknown load terms, in force units, in the order of load.terms.",
+        low=-LARGEST_PARAMETER,
+        high=LARGEST_PARAMETER,
+        live=True,
+        learned=True,
     )
     extension_weights: tuple[float, ...] = setting(
         (),

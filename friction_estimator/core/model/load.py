@@ -1,0 +1,298 @@
+"""Load terms: what the measured effort holds beside friction, linear in coefficients that are known or learned.
+
+    effort = friction + inertia a + stiffness (x - centre) + g_sin sin q + g_cos cos q + constant
+
+`load.terms` names them. What is known is taken off the measurement at admission (`intake.admission`), so that all that
+follows sees friction; what is unknown is learned beside the friction, one column each, under the same prior.
+
+A column is made dimensionless by the drive's speed scale V and T0 = 1 s, so that its coefficient is in force units
+whatever the machine: z = a T0 / V for inertia, (x - centre) / (V T0) for a spring, and 1, sin q, cos q as they are.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.registry import Registry
+from friction_estimator.core.sample import Floats, Samples
+from friction_estimator.core.settings.config import Config
+
+LARGEST_COEFFICIENT = 1e12
+"""No load is heavier, stiffer or larger, in SI units."""
+
+LARGEST_COLUMN = 1e6
+"""Largest dimensionless column: a wild velocity must not become an acceleration that no arithmetic survives."""
+
+LARGEST_LOAD_N = 1e12
+"""The known load of one sample is held within this."""
+
+FIT_RIDGE = 1e-6
+"""Of `friction_alone`: share of a column's own power that its coefficient costs."""
+
+SMOOTH_SHARE = 0.02
+"""Of the top speed: width of the smooth sign of `friction_alone`."""
+
+
+class Motion(Protocol):
+    """What the columns are made of: arrays (n,)."""
+
+    @property
+    def acceleration_m_s2(self) -> Floats:
+        """Acceleration, m/s^2 or rad/s^2."""
+
+    @property
+    def position_m(self) -> Floats:
+        """Position, m or rad."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """One kind of load.
+
+    Attributes
+    ----------
+    parts : names of its coefficients, one column each.
+    unit : theirs on a linear drive (`quantities` has that of a rotary one).
+    columns : (motion, keys) -> (n, parts), force per coefficient.
+    needs : "acceleration", "position" or "".
+    time_power : the column is divided by V T0^time_power to be dimensionless; None: it is.
+    keys : further numbers of a term with their defaults.
+    even : whether it has a part that is the same at rest and in both directions.
+    """
+
+    parts: tuple[str, ...]
+    unit: str
+    columns: Callable[[Motion, Mapping[str, float]], Floats]
+    needs: str = ""
+    time_power: int | None = None
+    keys: Mapping[str, float] = field(default_factory=dict)
+    even: bool = False
+
+
+def _constant(motion: Motion, keys: Mapping[str, float]) -> Floats:  # noqa: ARG001
+    return np.ones((motion.position_m.size, 1))
+
+
+def _inertia(motion: Motion, keys: Mapping[str, float]) -> Floats:  # noqa: ARG001
+    return np.array(motion.acceleration_m_s2, np.float64)[:, None]
+
+
+def _spring(motion: Motion, keys: Mapping[str, float]) -> Floats:
+    return np.asarray(motion.position_m - keys["centre"])[:, None]
+
+
+def _gravity(motion: Motion, keys: Mapping[str, float]) -> Floats:  # noqa: ARG001
+    return np.column_stack([np.sin(motion.position_m), np.cos(motion.position_m)])
+
+
+LOADS: Registry[Load] = Registry("load term")
+"""Kinds of load by name; effects that hide or find one take its columns from here."""
+
+LOADS.register("inertia", Load(("inertia",), "kg", _inertia, "acceleration", -1))
+LOADS.register("gravity", Load(("sin", "cos"), "N", _gravity, "position", even=True))
+LOADS.register("spring", Load(("stiffness",), "N/m", _spring, "position", 1, {"centre": 0.0}, even=True))
+LOADS.register("constant", Load(("constant",), "N", _constant, even=True))
+
+
+@dataclass(frozen=True)
+class LoadPart:
+    """One coefficient of one term.
+
+    Attributes
+    ----------
+    name : name of the term in LOADS. part : place of the column. keys : of the term.
+    value : the coefficient in SI units; None where it is to be learned.
+    """
+
+    name: str
+    part: int
+    keys: Mapping[str, float]
+    value: float | None
+
+    @property
+    def load(self) -> Load:
+        """The kind."""
+        return LOADS[self.name]
+
+    @property
+    def label(self) -> str:
+        """Name of the coefficient: of the term alone where it has one, else with the part.
+
+        >>> [part.label for part in parse_term("gravity")]
+        ['gravity:sin', 'gravity:cos']
+        """
+        return self.name if len(self.load.parts) == 1 else f"{self.name}:{self.load.parts[self.part]}"
+
+    def column(self, motion: Motion) -> Floats:
+        """Return the force per coefficient, (n,)."""
+        return np.asarray(self.load.columns(motion, self.keys)[:, self.part])
+
+
+def parse_term(text: str) -> list[LoadPart]:
+    """Return the coefficients that an entry of `load.terms` describes.
+
+    `NAME` is unknown, `NAME=VALUE` is known; `NAME:key=value,...` gives coefficients or keys by name.
+
+    Raises
+    ------
+    ConfigError : unknown name or key, or no number; one line.
+
+    Examples
+    --------
+    >>> [(part.label, part.value) for part in parse_term("gravity:cos=0")]
+    [('gravity:sin', None), ('gravity:cos', 0.0)]
+    >>> parse_term("inertia=0.02")[0].value
+    0.02
+    """
+    head, _, rest = text.partition(":")
+    name, equals, alone = head.partition("=")
+    name = name.strip()
+    try:
+        load = LOADS[name]
+    except ConfigError as error:
+        raise ConfigError(f"load.terms: {text!r}: {error}") from None
+    items = [item.strip() for item in rest.split(",") if item.strip()]
+    if equals:
+        if len(load.parts) > 1:
+            raise ConfigError(f"load.terms: {text!r}: {name} has {len(load.parts)} values: {_example(name)}")
+        items.append(f"{load.parts[0]}={alone.strip()}")
+    keys, values = dict(load.keys), {}
+    for item in items:
+        key, is_given, word = (part.strip() for part in item.partition("="))
+        if key not in load.parts and key not in load.keys:
+            raise ConfigError(f"load.terms: {text!r}: {name} has no {key!r}; it has {_known(load)}")
+        if key in values:
+            raise ConfigError(f"load.terms: {text!r}: {key} is given twice")
+        values[key] = _number(word) if is_given else np.nan
+        if not abs(values[key]) <= LARGEST_COEFFICIENT:
+            raise ConfigError(f"load.terms: {text!r}: {item!r} is not {key}=number")
+    keys |= {key: value for key, value in values.items() if key in load.keys}
+    return [LoadPart(name, place, keys, values.get(part)) for place, part in enumerate(load.parts)]
+
+
+def _number(word: str) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        return float("nan")
+
+
+def _known(load: Load) -> str:
+    return ", ".join([*load.parts, *load.keys])
+
+
+def _example(name: str) -> str:
+    return f"{name}:{','.join(f'{part}=VALUE' for part in LOADS[name].parts)}"
+
+
+class LoadTerms:
+    """The terms of `load.terms`.
+
+    Parameters
+    ----------
+    config : `load.terms`; range and units where the columns of unknown terms are asked for.
+
+    Raises
+    ------
+    ConfigError : a term that cannot be read, or a coefficient that is named twice.
+
+    Examples
+    --------
+    >>> terms = LoadTerms(Config.from_mapping({"load.terms": ["inertia", "gravity:sin=1.2,cos=0"]}))
+    >>> [part.label for part in terms.unknown], terms.size
+    (['inertia'], 1)
+    """
+
+    def __init__(self, config: Config) -> None:
+        parts = [part for text in config.load.terms for part in parse_term(text)]
+        labels = [part.label for part in parts]
+        for label in labels:
+            if labels.count(label) > 1:
+                raise ConfigError(f"load.terms: {label} is named twice")
+        self.unknown = tuple(part for part in parts if part.value is None)
+        self.known = tuple(part for part in parts if part.value is not None)
+        self._speed = config.velocity_scale
+        self._unit_N = config.unit_N
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients to learn."""
+        return len(self.unknown)
+
+    def needs(self, what: str) -> bool:
+        """Return whether a term needs the "acceleration" or the "position"."""
+        return any(part.load.needs == what for part in (*self.unknown, *self.known))
+
+    @property
+    def even(self) -> bool:
+        """Whether an unknown term looks like friction that differs between the directions."""
+        return any(part.load.even for part in self.unknown)
+
+    @property
+    def scales(self) -> Floats:
+        """SI value of each unknown coefficient over its value in force units, (size,)."""
+        times = [part.load.time_power for part in self.unknown]
+        return np.array([self._unit_N * (1.0 if t is None else 1.0 / self._speed) for t in times])
+
+    def columns(self, samples: Samples) -> Floats:
+        """Return the columns of the unknown terms, (n, size), N per force unit."""
+        out = np.empty((len(samples), self.size))
+        motion = SampleMotion(samples)
+        for i, (part, scale) in enumerate(zip(self.unknown, self.scales / (self._unit_N or 1.0), strict=True)):
+            out[:, i] = np.clip(part.column(motion) * scale, -LARGEST_COLUMN, LARGEST_COLUMN)
+        return out * self._unit_N
+
+    def known_N(self, samples: Samples) -> Floats:
+        """Return the force of the known terms, (n,), N."""
+        total, motion = np.zeros(len(samples)), SampleMotion(samples)
+        for part in self.known:
+            assert part.value is not None
+            total += part.value * part.column(motion)
+        return np.clip(total, -LARGEST_LOAD_N, LARGEST_LOAD_N)
+
+
+@dataclass(frozen=True)
+class SampleMotion:
+    """The motion of samples; ConfigError where an acceleration or position is asked for that was not made."""
+
+    samples: Samples
+
+    @property
+    def acceleration_m_s2(self) -> Floats:
+        """Acceleration."""
+        return _made(self.samples.acceleration_m_s2)
+
+    @property
+    def position_m(self) -> Floats:
+        """Position."""
+        return np.zeros(len(self.samples)) if self.samples.position_m is None else self.samples.position_m
+
+
+def _made(values: Floats | None) -> Floats:
+    if values is None:
+        raise ConfigError("load.terms need the acceleration, which these samples lack: admit them by Intake")
+    return values
+
+
+def friction_alone(config: Config, samples: Samples) -> Floats:
+    """Return the effort less a rough fit of the unknown load terms, (n,), N: what the scale of friction is taken from.
+
+    A ridge regression on the terms, a smooth sign of the velocity and the velocity itself. Without unknown terms it is
+    the effort.
+    """
+    terms = LoadTerms(config)
+    if not terms.size or not len(samples):
+        return samples.friction_N
+    motion, velocity = SampleMotion(samples), samples.velocity_m_s
+    top = float(np.quantile(np.abs(velocity), 0.99)) or 1.0
+    load = np.column_stack([part.column(motion) for part in terms.unknown])
+    friction = np.column_stack([np.tanh(velocity / (SMOOTH_SHARE * top)), velocity])
+    columns = np.column_stack([load, friction])
+    norm = np.sqrt(np.mean(np.square(columns), axis=0))
+    columns = columns / np.where(norm > 0.0, norm, 1.0)
+    gram = columns.T @ columns / len(samples) + FIT_RIDGE * np.eye(columns.shape[1])
+    weights = np.linalg.solve(gram, columns.T @ samples.friction_N / len(samples))
+    return np.asarray(samples.friction_N - columns[:, : terms.size] @ weights[: terms.size])
