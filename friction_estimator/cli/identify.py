@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from friction_estimator.cli import common, joints, side_by_side
+from friction_estimator.cli import common, joints, loads, side_by_side
 from friction_estimator.cli.recorded import Session, add_run_options, load, outputs, tell_units
 from friction_estimator.cli.replay import judged, summarise
 from friction_estimator.core.errors import ConfigError, about
@@ -68,6 +68,7 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
     if not args.fit_only:
         summary["online"] = _online(session, fit, [args.law] if args.law else list(LAWS), args.freeze_after)
     _tell(output, summary)
+    loads.tell(output, result.loads, 14)
     side_by_side.tell(output, result)
     if args.out:
         from friction_estimator.cli.results import write_results  # noqa: PLC0415 - drawing is loaded where asked for
@@ -112,6 +113,7 @@ def _as_replay(session: Session, config: Config, fit: BatchFit, learned: Bools, 
         starts=session.starts,
         curve=curve,
         outlook=outlook,
+        loads=fit.loads,
     )
 
 
@@ -129,6 +131,7 @@ def _identifiability(fit: BatchFit) -> dict[str, Any]:
             "fir_taps": errors.fir_taps,
             "theory_taps": errors.theory_taps if errors.theory_taps.size else None,
             "wavelet_weights": errors.wavelet_weights,
+            "load_weights": errors.load_weights if errors.load_weights.size else None,
             "extension_weights": errors.extension_weights if errors.extension_weights.size else None,
         },
     }

@@ -4,7 +4,7 @@ import argparse
 from dataclasses import replace
 from typing import Any
 
-from friction_estimator.cli import common, joints, side_by_side
+from friction_estimator.cli import common, joints, loads, side_by_side
 from friction_estimator.cli.recorded import Described, Session, add_run_options, load, outputs, tell_units
 from friction_estimator.core.errors import about
 from friction_estimator.core.online.replay import Replay, replay
@@ -51,6 +51,7 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
     result = judged(session, result)
     summary = summarise(session, result, SCHEMA)
     _tell(output, summary)
+    loads.tell(output, result.loads)
     _warn_of_contact(output, result)
     side_by_side.tell(output, result)
     if args.out:

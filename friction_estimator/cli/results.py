@@ -11,7 +11,7 @@ from friction_estimator.bag import own
 from friction_estimator.bag.read import Recording
 from friction_estimator.bag.source import Source
 from friction_estimator.bag.write import add_results, written
-from friction_estimator.cli import side_by_side
+from friction_estimator.cli import loads, side_by_side
 from friction_estimator.cli.common import to_json
 from friction_estimator.core.online.replay import Replay
 from friction_estimator.core.sample import Floats, Ints
@@ -77,7 +77,7 @@ def write_results(
     (folder / "summary.json").write_text(to_json(summary) + "\n", encoding="utf-8")
     (folder / "figures").mkdir()
     figures = write_figures(result, folder / "figures")
-    sections = [_figures_of_merit(summary), *_on_other_data(result)]
+    sections = [_figures_of_merit(summary), *loads.section(result.loads), *_on_other_data(result)]
     sections += [_inputs(recording) for recording in taken]
     sections[-1].paragraphs = [*sections[-1].paragraphs, _admitted(summary)]
     write_page(

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from friction_estimator.core.fit.band import Curve, errors_by_cell, median_conditions, static_curve
+from friction_estimator.core.fit.load_report import LearnedLoad, learned_loads
 from friction_estimator.core.fit.moments import gather, with_past
 from friction_estimator.core.fit.posterior import Posterior, settle
 from friction_estimator.core.metrics import nrmse
@@ -74,6 +75,14 @@ class BatchFit:
     def identifiable_rank(self) -> int:
         """Number of directions in parameter space that the record determines (the scale orbit is never one)."""
         return int(np.count_nonzero(self.singular_values > self.threshold))
+
+    @property
+    def loads(self) -> list[LearnedLoad]:
+        """What the fit says of the unknown load terms."""
+        if not self.model.load.size:
+            return []
+        misfit = self.residual_rms_N / self.model.unit_N
+        return learned_loads(self.model, self.parameters.theta, self.covariance, self.posterior.weight, misfit)
 
     def curve(self, samples: Samples | None = None, velocity_m_s: Floats | None = None) -> Curve:
         """Return the static curve with its band at the median pressure and temperature of `samples`."""

@@ -57,6 +57,7 @@ class Load:
     parts : names of its coefficients, one column each.
     unit : theirs on a linear drive (`quantities` has that of a rotary one).
     columns : (motion, keys) -> (n, parts), force per coefficient.
+    advice : drive that tells it from friction and other loads.
     needs : "acceleration", "position" or "".
     time_power : the column is divided by V T0^time_power to be dimensionless; None: it is.
     keys : further numbers of a term with their defaults.
@@ -66,6 +67,7 @@ class Load:
     parts: tuple[str, ...]
     unit: str
     columns: Callable[[Motion, Mapping[str, float]], Floats]
+    advice: str
     needs: str = ""
     time_power: int | None = None
     keys: Mapping[str, float] = field(default_factory=dict)
@@ -91,10 +93,37 @@ def _gravity(motion: Motion, keys: Mapping[str, float]) -> Floats:  # noqa: ARG0
 LOADS: Registry[Load] = Registry("load term")
 """Kinds of load by name; effects that hide or find one take its columns from here."""
 
-LOADS.register("inertia", Load(("inertia",), "kg", _inertia, "acceleration", -1))
-LOADS.register("gravity", Load(("sin", "cos"), "N", _gravity, "position", even=True))
-LOADS.register("spring", Load(("stiffness",), "N/m", _spring, "position", 1, {"centre": 0.0}, even=True))
-LOADS.register("constant", Load(("constant",), "N", _constant, even=True))
+LOADS.register(
+    "inertia",
+    Load(("inertia",), "kg", _inertia, "add a second period or a multisine, faster than this", "acceleration", -1),
+)
+LOADS.register(
+    "gravity",
+    Load(("sin", "cos"), "N", _gravity, "move over a larger angle, and at several speeds", "position", even=True),
+)
+LOADS.register(
+    "spring",
+    Load(
+        ("stiffness",),
+        "N/m",
+        _spring,
+        "add a second period or a larger stroke",
+        "position",
+        1,
+        {"centre": 0.0},
+        even=True,
+    ),
+)
+LOADS.register(
+    "constant",
+    Load(
+        ("constant",),
+        "N",
+        _constant,
+        "reverse slowly and often; friction that differs between the directions is told from it near standstill only",
+        even=True,
+    ),
+)
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,9 @@ with e0 = [1, 0, ..] and S the TC kernel (Chen, Ohlsson and Ljung 2012): H and H
 responses die out smoothly (Pillonetto and De Nicolao 2010), g is smooth, and where nothing was seen nothing is learned.
 In the parallel model, where two filters share the dynamics, static gains are held apart from the shapes: the scale of
 the curve belongs to g and to the theory's gain, and taps that sum to more than one are what fast reversals teach and
-slow ones suffer from. `rest_deviation` says how exactly g vanishes at standstill: a film that lags bends the curve
-there, and on a drive that rests half of the time such an offset would be the whole error.
+slow ones suffer from. Beside an unknown load the same is done in both models: free gains learned while the load is
+not known yet keep its mark for long. `rest_deviation` says how exactly g vanishes at standstill: a film that lags bends
+the curve there, and on a drive that rests half of the time such an offset would be the whole error.
 
 The misfit of a model repeats with the drive and is no white noise, so `residual_deviation` is several times what is
 left over: a thousand samples of one sine say little more than a hundred (docs/decisions/0003-one-prior.md).
@@ -39,7 +40,7 @@ LOAD_DEVIATION, LOAD_METRIC = 100.0, 0.3
 """Of a load coefficient in force units: its prior deviation (any load is possible), and its metric deviation."""
 
 ASYMMETRY_DEVIATION = 0.5
-"""Force units by which friction may differ between the directions as a whole, where an unknown load is the same in both:
+"""Force units by which friction may differ between the directions as a whole, where a load that does not is unknown:
 a constant and an unlike Coulomb friction differ at standstill only, where nothing is learned."""
 
 ASYMMETRY_WIDTH, ASYMMETRY_POINTS = 0.02, 512

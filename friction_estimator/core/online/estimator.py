@@ -8,6 +8,7 @@ import numpy as np
 
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.fit.band import POWER, PRODUCT, Curve, median_conditions, static_curve
+from friction_estimator.core.fit.load_report import LearnedLoad, learned_loads
 from friction_estimator.core.model.prior import Prior
 from friction_estimator.core.model.structure import CHUNK, LEARNED, Extension, Model, Parameters
 from friction_estimator.core.online import kernels, recovery, state_check, workspace
@@ -280,6 +281,16 @@ class Estimator:
 
         known = spread if self.law.keeps_covariance else None
         return static_curve(self.model, theta, errors, known, self._prior, conditions, velocity_m_s)
+
+    @property
+    def loads(self) -> list[LearnedLoad]:
+        """What is learned of the unknown load terms."""
+        if not self.model.load.size:
+            return []
+        moments, rho = self.work.moments, self._prior.residual_variance
+        weight = float(moments[workspace.ABSORBED]) / rho
+        misfit = float(np.sqrt(moments[workspace.MISFIT_POWER]))
+        return learned_loads(self.model, self._predicting[0], self.covariance, weight, misfit)
 
     @property
     def health(self) -> Health:

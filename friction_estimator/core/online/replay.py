@@ -15,6 +15,7 @@ from friction_estimator.core.fit.band import POINTS, Curve
 from friction_estimator.core.fit.baselines import StaticCurve
 from friction_estimator.core.fit.batch import BatchFit, predict
 from friction_estimator.core.fit.frozen_score import FrozenScore, curves_learned, frozen_score
+from friction_estimator.core.fit.load_report import LearnedLoad
 from friction_estimator.core.model.structure import Extension, Model, Parameters
 from friction_estimator.core.online.estimator import Estimator, Health
 from friction_estimator.core.online.first_contact import Contact, meet
@@ -71,6 +72,7 @@ class Replay:
     outlook : the same curve over `OUTLOOK` times those velocities, and all others that occurred.
     others : recordings that were predicted with what was learned.
     contact : how range and units were met; None where the whole record chose them.
+    loads : what was learned of the unknown load terms.
     """
 
     config: Config
@@ -88,6 +90,7 @@ class Replay:
     starts: tuple[int, ...] = (0,)
     others: tuple[Judged, ...] = ()
     contact: Contact | None = None
+    loads: Sequence[LearnedLoad] = ()
 
     @property
     def parameters(self) -> Parameters:
@@ -188,6 +191,7 @@ class Replay:
             "units": {"velocity": "m/s", "friction": "N"},
             "baselines": None if frozen is None else frozen.baselines,
             "curve": self.curve,
+            "load": list(self.loads),
             "test": [
                 {
                     "bag": other.name,
@@ -264,6 +268,7 @@ def replay(
         curve=curve,
         outlook=outlook,
         contact=contact,
+        loads=estimator.loads,
     )
 
 
