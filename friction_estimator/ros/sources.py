@@ -6,6 +6,7 @@ Messages are taken as bytes and read by the decoder that replay uses, which chec
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from struct import Struct
 from typing import Any
 
@@ -17,7 +18,7 @@ from sensor_msgs.msg import FluidPressure, JointState, Temperature
 from std_msgs.msg import Float64
 
 from friction_estimator.bag.messages import EXTRACTORS, Decoder, LayoutError, NoValueError, Want
-from friction_estimator.core.intake.pairing import FRICTION, STREAMS, VELOCITY
+from friction_estimator.core.intake.pairing import FRICTION, POSITION, STREAMS, VELOCITY
 from friction_estimator.core.intake.rhythm import Rhythm
 from friction_estimator.core.sample import NS_PER_S
 from friction_estimator.core.settings.groups import InputConfig
@@ -305,6 +306,7 @@ class Inputs:
         source = self._source("joint_states", JointState, required=True)
         read_velocity = self._decoder(JointState, "velocity").one
         read_effort = self._decoder(JointState, "friction").one
+        read_position = self._decoder(JointState, "position").one
         deliver, remember = self._deliver, source.stamps.append
 
         def receive(raw: bytes) -> None:
@@ -315,6 +317,8 @@ class Inputs:
                 source.seen(frame)
                 self.frame = frame
             remember(stamp_ns)  # type: ignore[arg-type]
+            with suppress(NoValueError):
+                deliver(POSITION, stamp_ns, read_position(raw)[1])  # type: ignore[arg-type]
             deliver(VELOCITY, stamp_ns, velocity)  # type: ignore[arg-type]
             deliver(FRICTION, stamp_ns, effort)  # type: ignore[arg-type]
 

@@ -1,0 +1,246 @@
+"""Load terms: what is known is taken off, what is unknown is learned, what the drive cannot tell apart is said."""
+
+import numpy as np
+import pytest
+
+from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.fit.batch import fit_batch
+from friction_estimator.core.intake.acceleration import AccelerationFilter
+from friction_estimator.core.intake.admission import Intake
+from friction_estimator.core.intake.pairing import FRICTION, POSITION, VELOCITY
+from friction_estimator.core.intake.standstill import standstill
+from friction_estimator.core.model.load import LOADS, LoadTerms, friction_alone, parse_term
+from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.core.online.live import LiveStep
+from friction_estimator.core.online.replay import replay
+from friction_estimator.core.sample import Samples, in_sequence
+from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.units import chosen
+
+RATE = 200.0
+INERTIA, SIN, COS = 0.03, 1.1, -0.4
+MULTISINE = ((0.35, 0.7), (0.9, 0.35), (1.7, 0.12))
+"""Frequency (Hz) and amplitude (rad) of the lines."""
+
+BASE = {"model.type": "hammerstein", "theory.kind": "none", "input.motion": "rotary"}
+
+
+def config(terms, **more):
+    return Config.from_mapping(BASE | {"load.terms": terms} | {k.replace("__", "."): v for k, v in more.items()})
+
+
+def motion(lines=MULTISINE, seconds=40.0, rate=RATE):
+    """Return time, position, velocity and acceleration of a sum of sines."""
+    t = np.arange(int(seconds * rate)) / rate
+    parts = [(2 * np.pi * f, a, 2 * np.pi * f * t + k) for k, (f, a) in enumerate(lines)]
+    q = sum(a * np.sin(p) for _, a, p in parts)
+    v = sum(a * w * np.cos(p) for w, a, p in parts)
+    return t, q, v, sum(-a * w * w * np.sin(p) for w, a, p in parts)
+
+
+def friction_of(v):
+    return 0.15 * np.tanh(v / 0.05) + 0.08 * np.tanh(v / 0.6) + 0.03 * v
+
+
+def events_of(t, q, v, effort):
+    stamp = 10**18 + np.round(t * 1e9).astype(np.int64)
+    channels = [(POSITION, q), (VELOCITY, v), (FRICTION, effort)]
+    stream = np.tile([number for number, values in channels if values is not None], t.size)
+    values = np.column_stack([values for _, values in channels if values is not None]).ravel()
+    return stream, np.repeat(stamp, stream.size // t.size), values
+
+
+def admitted(given, t, q, v, effort):
+    intake = Intake(given, capacity=t.size + 1)
+    samples, last = intake.push(*events_of(t, q, v, effort)), intake.drain()
+    return samples if last is None else in_sequence([samples, last])
+
+
+def pendulum(lines=MULTISINE, seed=0, seconds=40.0):
+    """Return time, position, velocity and effort of a driven pendulum with 1 % noise."""
+    t, q, v, a = motion(lines, seconds)
+    effort = friction_of(v) + INERTIA * a + SIN * np.sin(q) + COS * np.cos(q)
+    return t, q, v, effort + 0.002 * np.random.default_rng(seed).standard_normal(t.size)
+
+
+def fitted(given, samples):
+    met = chosen(given, samples.velocity_m_s, friction_alone(given, samples))
+    return fit_batch(samples, met, use=~standstill(samples, met.velocity_scale))
+
+
+TRUTH = {"inertia": INERTIA, "gravity:sin": SIN, "gravity:cos": COS}
+
+
+def test_unknown_terms_are_learned_within_their_intervals_by_fit_and_by_rls():
+    given = config(["inertia", "gravity"])
+    samples = admitted(given, *pendulum())
+    online, known = replay(samples, given), config(["inertia=0.03", "gravity:sin=1.1,cos=-0.4"])
+    for found in (fitted(given, samples).loads, online.loads):
+        assert [load.term for load in found] == list(TRUTH)
+        for load in found:
+            assert load.separated, load.reason
+            assert load.ci95[0] <= TRUTH[load.term] <= load.ci95[1]
+            assert load.ci95[1] - load.ci95[0] < 0.1 * max(TRUTH[load.term], 0.3)
+        assert [load.unit for load in found] == ["kg m2", "N m", "N m"]
+    # The friction is that with the load known.
+    told = replay(admitted(known, *pendulum()), known)
+    errors = [run.curve.friction_N - friction_of(run.curve.velocity_m_s) for run in (online, told)]
+    assert np.std(errors[0]) < max(1.1 * np.std(errors[1]), 0.02 * np.std(friction_of(samples.velocity_m_s)))
+    assert online.config.unit_N < 0.4  # that of friction, not of the effort
+
+
+def test_one_sine_does_not_tell_an_inertia_from_a_spring():
+    given = config(["inertia", "spring"])
+    t, q, v, a = motion(((0.5, 0.8),))
+    samples = admitted(given, t, q, v, friction_of(v) + INERTIA * a + 0.6 * q)
+    for found in (fitted(given, samples).loads, replay(samples, given).loads):
+        for load, other in zip(found, ("spring", "inertia"), strict=True):
+            assert not load.separated
+            assert load.ci95 is None
+            assert f"{other} acts alike" in load.reason
+            assert "second period" in load.reason
+
+
+def test_a_constant_is_not_told_from_friction_that_differs_between_the_directions():
+    given = config(["constant"])
+    t, q, v, _ = motion()
+    unlike = np.where(v > 0.0, 1.2, 0.8) * friction_of(v)
+    samples = admitted(given, t, q, v, unlike + 0.002 * np.random.default_rng(1).standard_normal(t.size))
+    for found in (fitted(given, samples).loads, replay(samples, given).loads):
+        (load,) = found
+        assert not load.separated or load.ci95[0] <= 0.0 <= load.ci95[1]
+
+
+@pytest.mark.parametrize("law", ["nlms", "lms"])
+def test_a_law_without_covariance_gives_values_and_no_interval(law):
+    given = config(["inertia", "gravity"], model__law=law)
+    found = replay(admitted(given, *pendulum()), given)
+    assert all(load.ci95 is None and "covariance" in load.reason for load in found.loads)
+    assert found.figures()["nrmse_final"] < 0.2
+
+
+def test_what_is_known_is_taken_off_and_what_is_not_needed_costs_nothing():
+    t, q, v, effort = pendulum(seed=3)
+    plain = admitted(config([]), t, q, v, effort)
+    np.testing.assert_array_equal(plain.friction_N, effort)
+    assert plain.acceleration_m_s2 is None
+    less = admitted(config(["gravity:sin=1.1,cos=-0.4", "constant=0.5"]), t, q, v, effort)
+    np.testing.assert_allclose(less.friction_N, effort - SIN * np.sin(q) - COS * np.cos(q) - 0.5, atol=1e-12)
+    part = LoadTerms(config(["gravity:cos=0"]))
+    assert [p.label for p in part.unknown] == ["gravity:sin"]
+
+
+def test_position_is_integrated_where_none_is_recorded():
+    given = config(["gravity:sin=1.0,cos=0"])
+    t, q, v, _ = motion()
+    samples = admitted(given, t, None, v, np.zeros(t.size))
+    np.testing.assert_allclose(samples.friction_N, -np.sin(q - q[0]), atol=2e-3)
+
+
+def test_samples_come_late_by_half_the_window_and_belong_to_one_instant():
+    given = config(["inertia"], load__half_width=4)
+    t, q, v, a = motion()
+    intake = Intake(given, capacity=t.size + 1)
+    early = intake.push(*events_of(t, q, v, a))
+    assert (len(early), intake.admitted, intake.sequencer.admitted) == (t.size - 4, t.size - 4, t.size)
+    last = intake.drain()
+    assert len(last) == 4
+    whole = in_sequence([early, last])
+    np.testing.assert_array_equal(whole.velocity_m_s, v)
+    inside = slice(4, -4)
+    np.testing.assert_allclose(whole.acceleration_m_s2[inside], a[inside], atol=2e-3 * np.abs(a).max())
+
+
+def test_acceleration_of_uneven_stamps_is_exact_for_cubics_and_does_not_reach_over_gaps():
+    rng = np.random.default_rng(0)
+    t = np.cumsum(rng.uniform(0.002, 0.008, 300))
+    restart = np.isin(np.arange(300), (0, 100, 101, 103, 250))
+    v = 0.3 + 2.0 * t - t**2 + 0.4 * t**3
+    stamps = np.round(t * 1e9).astype(np.int64)
+    samples = Samples(stamps, v, np.zeros(300), restart)
+    wanted = 2.0 - 2.0 * t + 1.2 * t**2
+
+    def filtered(sizes):
+        given, parts, at = AccelerationFilter(5), [], 0
+        for size in sizes:
+            parts.append(given.push(samples[at : at + size]))
+            at += size
+        return in_sequence([*parts, given.drain()])
+
+    whole = filtered([300])
+    few = np.isin(np.arange(300), (100, 101, 102))  # pieces of one and two samples
+    np.testing.assert_allclose(whole.acceleration_m_s2[~few], wanted[~few], rtol=1e-5)
+    assert whole.acceleration_m_s2[100] == 0.0
+    for sizes in ([1] * 300, [7, 93, 0, 3, 97, 100]):
+        parts = filtered(sizes)
+        assert parts.acceleration_m_s2.tobytes() == whole.acceleration_m_s2.tobytes()
+        assert parts.restart.tobytes() == restart.tobytes()
+
+
+@pytest.mark.parametrize("terms", [["inertia", "gravity"], ["inertia=0.03", "spring"], ["constant=0.2"]])
+def test_the_live_step_gives_what_replay_gives(terms):
+    given = config(terms)
+    t, q, v, effort = pendulum(seconds=12.0)
+    t = t + np.where(t > 6.0, 3.0, 0.0)  # a gap
+    replayed = replay(admitted(given, t, q, v, effort), given)
+    step, found = LiveStep(Intake(given), given), []
+    stream, stamp, value = events_of(t, q, v, effort)
+    for at in range(0, stream.size, 3):
+        step.stream[:3], step.stamp_ns[:3], step.value[:3] = (x[at : at + 3] for x in (stream, stamp, value))
+        found += step.run(3, learn=True)
+    live = np.array([predicted for *_, predicted, _ in found])
+    late = 5 if LoadTerms(given).needs("acceleration") else 0
+    assert live.size == t.size - late
+    np.testing.assert_array_equal(live, replayed.predicted_N[: live.size])
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("weight", "unknown load term 'weight': choose one of inertia"),
+        ("inertia=heavy", "is not inertia=number"),
+        ("inertia=1e13", "is not inertia=number"),
+        ("inertia=nan", "is not inertia=number"),
+        ("gravity=3", "gravity:sin=VALUE,cos=VALUE"),
+        ("spring:center=0", "no 'center'; it has stiffness, centre"),
+        ("spring:centre", "is not centre=number"),
+        ("gravity:sin=1,sin=2", "sin is given twice"),
+    ],
+)
+def test_a_term_that_cannot_be_read_is_refused_in_one_line(text, words):
+    with pytest.raises(ConfigError, match=words) as caught:
+        parse_term(text)
+    assert str(caught.value).startswith("load.terms: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_coefficient_is_named_once():
+    with pytest.raises(ConfigError, match="inertia is named twice"):
+        LoadTerms(config(["inertia=2", "inertia"]))
+
+
+@pytest.mark.parametrize("name", list(LOADS))
+def test_columns_are_finite_for_wild_samples(name):
+    given = config([name], basis__velocity_range=[-1.0, 1.0], force_unit=1.0)
+    t, q, v, effort = pendulum(seconds=4.0)
+    v[100], q[200] = 1e12, 1e12
+    samples = admitted(given, t, q, v, effort)
+    estimator = Estimator(given)
+    assert np.isfinite(estimator.run(samples)).all()
+    estimator.check_state()
+
+
+def test_a_state_keeps_the_load_and_one_from_before_is_one_without():
+    given = config(["inertia"], basis__velocity_range=[-6.0, 6.0], force_unit=0.3)
+    samples = admitted(given, *pendulum(seconds=6.0))
+    one, two = Estimator(given), Estimator(given)
+    one.run(samples)
+    two.restore(one.state())
+    assert two.loads == one.loads
+    assert Estimator(one.learned_config).parameters.load_weights.tolist() == one.parameters.load_weights.tolist()
+    bare = config([], basis__velocity_range=[-6.0, 6.0], force_unit=0.3)
+    former = Estimator(bare).state()
+    del former["structure"]["load.terms"], former["structure"]["load.half_width"]
+    Estimator(bare).restore(former)
+    with pytest.raises(ConfigError, match=r"load\.terms"):
+        Estimator(given).restore(former)
