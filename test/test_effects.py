@@ -54,6 +54,8 @@ CONTRACT = {
     "wrapped_position",
     "velocity_delay",
     "pressure_noise",
+    "gravity",
+    "load_dependence",
 }
 
 

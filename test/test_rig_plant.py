@@ -8,6 +8,7 @@ from friction_estimator.core.fit.moments import gather
 from friction_estimator.core.fit.variable_projection import refine
 from friction_estimator.core.model.structure import Model
 from friction_estimator.core.model.theory_seal import SealCurve
+from friction_estimator.core.quantities import LINEAR
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.groups import SealConfig
 from friction_estimator.core.settings.units import chosen
@@ -21,6 +22,9 @@ from friction_estimator.rig.profiles import Geometry
 from friction_estimator.rig.simulate import Scenario, clean_trace, simulate
 
 SEAL = SealConfig()
+
+SEALS = [name for name, plant in PLANTS.items() if plant.motion == LINEAR]
+"""The plants whose force is friction alone."""
 
 
 def trace(plant, condition="b", seconds=4.0, rate=1000.0, law=None):
@@ -132,14 +136,14 @@ def test_directions_are_alike_where_no_trait_says_otherwise(plant):
         assert difference < 1e-6
 
 
-@pytest.mark.parametrize("plant", list(PLANTS))
+@pytest.mark.parametrize("plant", SEALS)
 def test_friction_opposes_the_motion(plant):
     t = trace(plant)
     moving = (np.abs(t.velocity_m_s) > 0.02) & (t.time_s > 0.5)
     assert np.all(t.friction_N[moving] * t.velocity_m_s[moving] > 0.0)
 
 
-@pytest.mark.parametrize("plant", list(PLANTS))
+@pytest.mark.parametrize("plant", SEALS)
 def test_a_machine_of_another_size_has_the_same_friction_in_its_own_units(plant):
     force, motion = 40.0, 0.05
     usual = trace(plant)
@@ -202,3 +206,16 @@ def test_the_table_is_met_at_its_rows_and_starts_at_zero():
     np.testing.assert_allclose(plant.extra(-speed), [0.0, -1.22, -1.07, -1.52])
     beyond = plant.extra(np.array([0.150, 0.200, 0.250]))
     assert np.diff(beyond)[0] == pytest.approx(np.diff(beyond)[1])
+
+
+@pytest.mark.parametrize("plant", [name for name in PLANTS if name not in SEALS])
+def test_the_effort_of_a_joint_is_friction_that_opposes_the_motion_and_its_load(plant):
+    scenario = Scenario((segment(2.0, 0.0, 4.0),), plant=plant, noise=0.0, geometry=Geometry(1.0, 5.0))
+    t = clean_trace(scenario, PLANTS[plant](SEAL, 1000.0))
+    joint, q = PLANTS[plant](SEAL, 1000.0), t.position_m
+    moving = np.abs(t.velocity_m_s) > 0.02
+    assert np.all(joint.friction(t)[moving] * t.velocity_m_s[moving] > 0.0)
+    columns = {"inertia": t.acceleration_m_s2, "gravity:sin": np.sin(q), "gravity:cos": np.cos(q)}
+    load = sum(value * columns[name] for name, value in joint.loads.items())
+    np.testing.assert_allclose(t.friction_N, joint.friction(t) + load, rtol=1e-12, atol=1e-12)
+    assert np.std(load) > 2.0 * np.std(joint.friction(t))  # taken for friction, the load would be most of it

@@ -11,12 +11,13 @@ from drives import ABBA, OTHER, Drive
 from forms import THIRD
 from records import WRONG_THEORIES
 
+from friction_estimator.core.quantities import LINEAR
 from friction_estimator.effects import EFFECTS
 from friction_estimator.rig.plant import PLANTS
 
 Case = dict[str, Any]
 
-PLANT_NAMES = tuple(PLANTS)
+PLANT_NAMES = tuple(name for name, plant in PLANTS.items() if plant.motion == LINEAR)
 ABBA_TURN = tuple(part for drive in ABBA[1:] for part in (ABBA[0], drive))
 """Every other record is of the usual drive."""
 

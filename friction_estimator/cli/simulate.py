@@ -10,6 +10,7 @@ from friction_estimator.cli import common
 from friction_estimator.cli.terminal import say_document, warn
 from friction_estimator.core.errors import InputError
 from friction_estimator.core.metrics import nrmse
+from friction_estimator.core.quantities import ROTARY
 from friction_estimator.core.sample import Bools, Floats
 from friction_estimator.core.settings.config import Config
 from friction_estimator.documents.configuration import read_config
@@ -36,6 +37,15 @@ CHANNEL_PERIOD_S = 0.1
 
 _DEFAULT_CONDITION = "b"
 _DEFAULT_PLANT = "rig"
+
+JOINT_STATES = "/joint_states"
+"""Topic of a rotary plant, whose position, velocity and effort come in one message."""
+
+HALF_TURN_RAD = 1.0
+"""Half stroke of a rotary plant, rad."""
+
+ROD = 5.0
+"""Length of the connecting rod over the half stroke."""
 
 
 def add_parser(subparsers: common.Subparsers) -> None:
@@ -69,16 +79,14 @@ def add_parser(subparsers: common.Subparsers) -> None:
     drive.add_argument(
         "--eccentric",
         type=float,
-        default=Geometry().eccentric_m,
         metavar="M",
-        help="half stroke, m (default: %(default)s)",
+        help=f"half stroke, m or rad (default: {Geometry().eccentric_m:g} m; {HALF_TURN_RAD:g} rad for a rotary plant)",
     )
     drive.add_argument(
         "--rod",
         type=float,
-        default=Geometry().rod_m,
         metavar="M",
-        help="connecting rod of the profile crank, m (default: %(default)s)",
+        help="connecting rod of the profile crank, m (default: five times the half stroke)",
     )
     oil = drive.add_mutually_exclusive_group()
     oil.add_argument("--temperature", type=float, metavar="DEGC", help="oil temperature, degC (default: 54.44)")
@@ -88,7 +96,8 @@ def add_parser(subparsers: common.Subparsers) -> None:
         "--plant",
         choices=PLANTS,
         help="rig: realistic, asymmetric, its film lags; clean: differs from the theory only by what the diagnosis "
-        f"base can learn (default: {_DEFAULT_PLANT})",
+        "base can learn; pendulum, geared_joint: rotary, with inertia and gravity in the effort, written as "
+        f"{JOINT_STATES} (default: {_DEFAULT_PLANT})",
     )
     rig.add_argument(
         "--config",
@@ -163,9 +172,17 @@ def scenario_from(args: argparse.Namespace, config: Config) -> Scenario:
         seed=args.seed,
         effects=tuple(parse_effect(text) for text in args.effect),
         temperature_degC=temperature,
-        geometry=Geometry(args.eccentric, args.rod),
+        geometry=_geometry(args),
         seal=config.seal,
     )
+
+
+def _geometry(args: argparse.Namespace) -> Geometry:
+    rotary = PLANTS[args.plant or _DEFAULT_PLANT].motion == ROTARY
+    half = args.eccentric
+    if half is None:
+        half = HALF_TURN_RAD if rotary else Geometry().eccentric_m
+    return Geometry(half, ROD * half if args.rod is None else args.rod)
 
 
 def _identified(args: argparse.Namespace, config: Config, scenario: Scenario) -> Law | None:
@@ -216,6 +233,12 @@ def add_recording(writer: RecordingWriter, run_: Simulation) -> None:
     """
     samples, scenario = run_.samples, run_.scenario
     true_ns = stamps(len(samples), scenario.rate_hz, scenario.start_ns)
+    if PLANTS[scenario.plant].motion == ROTARY:
+        values = {"position": samples.position_m, "velocity": samples.velocity_m_s, "friction": samples.friction_N}
+        present = {name: value for name, value in values.items() if value is not None}
+        kind = TOPICS["position"][1]
+        writer.add_stream(JOINT_STATES, kind, samples.stamp_ns, present, log_time_ns=true_ns, frame_id="rig")
+        return
     every = max(1, round(CHANNEL_PERIOD_S * scenario.rate_hz))
     whole = np.ones(len(samples), np.bool_)
     channels: list[tuple[str, Floats | None, Bools]] = [
@@ -260,11 +283,14 @@ def summarise(bag: str, run_: Simulation, plant: str) -> dict[str, Any]:
         "rod_m": scenario.geometry.rod_m,
         "noise": scenario.noise,
         "seed": scenario.seed,
-        "topics": {name: topic for name, (topic, _) in TOPICS.items()},
+        "topics": {"joint_states": JOINT_STATES}
+        if PLANTS[scenario.plant].motion == ROTARY
+        else {name: topic for name, (topic, _) in TOPICS.items()},
         "truth": {
             "clean_friction_rms_N": _rms(run_.clean_N),
             "noise_rms_N": _rms(run_.noise_N),
             "theory_nrmse": nrmse(run_.clean_N, run_.theory_N),
+            "load": getattr(PLANTS[scenario.plant], "loads", {}),
             "effects": [
                 {"name": effect.name, "spec": effect.spec, "values": effect.values, "size": size}
                 for effect, size in zip(run_.effects, run_.sizes, strict=True)

@@ -5,6 +5,7 @@ from friction_estimator.effects import (  # noqa: F401 - they register
     drift,
     dynamics,
     film,
+    load,
     patterns,
     reversal,
     sensor,

@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from friction_estimator.core.model.load import LOADS
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import Effect, Key, Params, Words, chosen, effect, form_key
 from friction_estimator.effects.columns import Columns
@@ -47,7 +48,8 @@ class Inertia(Effect):
     @classmethod
     def columns(cls, params: Params) -> Columns:  # noqa: ARG003
         """Return a."""
-        return Columns(lambda f, _r, _s: f.acceleration_m_s2.copy())
+        load = LOADS["inertia"]
+        return Columns(lambda f, _r, _s: load.columns(f, load.keys))
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
@@ -113,6 +115,7 @@ class SideSpring(Effect):
     @classmethod
     def columns(cls, params: Params) -> Columns:
         """Return x - centre; a recording beyond those that were fitted has the last centre."""
+        load = LOADS["spring"]
         centres = np.array(
             [
                 params["centre"],
@@ -121,7 +124,8 @@ class SideSpring(Effect):
         )
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
-            return np.asarray(f.position_m - centres[np.minimum(f.recording, centres.size - 1)])
+            about_zero = load.columns(f, load.keys)[:, 0]
+            return np.asarray(about_zero - centres[np.minimum(f.recording, centres.size - 1)])
 
         return Columns(compute)
 

@@ -10,6 +10,7 @@ import numpy as np
 from friction_estimator.compiled import njit
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.model.theory_seal import SealCurve
+from friction_estimator.core.quantities import LINEAR
 from friction_estimator.core.sample import Floats
 from friction_estimator.core.settings.groups import SealConfig
 from friction_estimator.effects.trace import Trace
@@ -30,9 +31,11 @@ class Plant:
     ----------
     traits : effects of the catalogue (ids) that the plant has by itself: a diagnosis may name them with nothing hidden.
         What else it differs in from the theory is odd, static or a short memory, which the diagnosis base can learn.
+    motion : LINEAR or ROTARY.
     """
 
     traits: ClassVar[tuple[str, ...]] = ()
+    motion: ClassVar[str] = LINEAR
 
     def __init__(self, seal: SealConfig, rate_hz: float) -> None:
         raise NotImplementedError

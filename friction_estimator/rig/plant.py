@@ -2,6 +2,7 @@
 
 from friction_estimator.core.registry import Registry
 from friction_estimator.rig.law import Law, Plant
+from friction_estimator.rig.plants_load import GearedJointPlant, LoadedPlant, PendulumPlant
 from friction_estimator.rig.plants_other import MaxwellSlipPlant, StribeckPlant, TabulatedPlant
 from friction_estimator.rig.plants_seal import (
     CLEAN_TAPS,
@@ -11,7 +12,7 @@ from friction_estimator.rig.plants_seal import (
     RigPlant,
 )
 
-__all__ = ["CLEAN_TAPS", "PLANTS", "CleanPlant", "Law", "Plant", "RigPlant"]
+__all__ = ["CLEAN_TAPS", "PLANTS", "CleanPlant", "Law", "LoadedPlant", "Plant", "RigPlant"]
 
 PLANTS: Registry[type[Plant]] = Registry("plant")
 """Friction laws by name; built from the theory's parameters and the recording's rate."""
@@ -23,3 +24,5 @@ PLANTS.register("parallel_memory", ParallelMemoryPlant)
 PLANTS.register("maxwell_slip", MaxwellSlipPlant)
 PLANTS.register("tabulated", TabulatedPlant)
 PLANTS.register("stribeck", StribeckPlant)
+PLANTS.register("pendulum", PendulumPlant)
+PLANTS.register("geared_joint", GearedJointPlant)
