@@ -218,4 +218,4 @@ def test_the_effort_of_a_joint_is_friction_that_opposes_the_motion_and_its_load(
     columns = {"inertia": t.acceleration_m_s2, "gravity:sin": np.sin(q), "gravity:cos": np.cos(q)}
     load = sum(value * columns[name] for name, value in joint.loads.items())
     np.testing.assert_allclose(t.friction_N, joint.friction(t) + load, rtol=1e-12, atol=1e-12)
-    assert np.std(load) > 2.0 * np.std(joint.friction(t))  # taken for friction, the load would be most of it
+    assert np.std(load) > np.std(joint.friction(t))  # taken for friction, the load would be most of it
