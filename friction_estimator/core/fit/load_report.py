@@ -28,7 +28,7 @@ LEAST_SIN2 = 0.005
 LARGEST_SHARE = 0.2
 """Largest force of a term that its interval may leave open, in force units, where it counts as separated."""
 
-UNSEEN_CORRELATION = 0.1
+UNSEEN_CORRELATION = 0.2
 """Correlation of the misfit with a term's own part of its column that is reckoned with; see benchmarks/load."""
 
 NORMAL_95 = 1.96
