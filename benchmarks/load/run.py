@@ -1,0 +1,266 @@
+"""Load terms on simulated joints: are they within their intervals, what is said where the drive separates nothing, and
+what does not knowing them cost the friction?
+
+    python benchmarks/load/run.py [--seeds 20] [--first-seed 0] [--quick] > benchmarks/load/results.md
+
+Each seed draws the load, the amplitude, the period, the noise, and an encoder of 4096 counts a turn for the position.
+The plants of `simulate` stand beside friction of other forms that nothing was chosen on.
+"""
+
+import argparse
+import sys
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from friction_estimator.core.fit.batch import fit_batch, predict
+from friction_estimator.core.fit.load_report import LearnedLoad
+from friction_estimator.core.intake.admission import Intake
+from friction_estimator.core.intake.pairing import FRICTION, POSITION, VELOCITY
+from friction_estimator.core.intake.standstill import standstill
+from friction_estimator.core.model.load import friction_alone
+from friction_estimator.core.model.structure import Parameters
+from friction_estimator.core.online.replay import replay
+from friction_estimator.core.sample import Floats, Samples, in_sequence
+from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.units import chosen
+from friction_estimator.rig.drive import Segment, run_drive
+from friction_estimator.rig.profiles import Geometry
+
+COUNTS = 4096
+SECONDS = 24.0
+VELOCITY_NOISE = 0.003
+"""Of the top speed: an encoder's velocity after its own filter."""
+
+FORCE_NOISE = 0.01
+"""Of the friction's rms."""
+
+Friction = Callable[[Floats, Floats, Floats], Floats]
+"""(velocity, load, time step) -> friction, N m, in units of the joint's Coulomb level."""
+
+
+def stribeck(v: Floats, load: Floats, step_s: Floats) -> Floats:  # noqa: ARG001
+    """The pendulum's form."""
+    return (1.0 + 0.5 * np.exp(-np.square(v / 0.6))) * np.tanh(v / 0.04) + 0.15 * v
+
+
+def geared(v: Floats, load: Floats, step_s: Floats) -> Floats:  # noqa: ARG001
+    """The geared joint's form: unlike directions, teeth that rub more under load."""
+    sign = np.tanh(v / 0.03)
+    return (1.0 + 0.4 * np.exp(-np.abs(v) / 0.3) + 0.03 * np.abs(load)) * sign * (
+        1.0 + 0.1 * np.sign(v)
+    ) + 0.4 * np.sign(v) * np.abs(v) ** 0.7
+
+
+def lugre(v: Floats, load: Floats, step_s: Floats) -> Floats:  # noqa: ARG001
+    """Bristles (Canudas de Wit 1995): dz = v - |v| z / s(v), f = z / 0.01 + 0.1 v, s the Stribeck level."""
+    z, out = 0.0, np.empty(v.size)
+    level = 0.01 * (1.0 + 0.4 * np.exp(-np.square(v / 0.3)))
+    for k in range(v.size):
+        for _ in range(4):
+            z += 0.25 * step_s[k] * v[k] / (1.0 + 0.25 * step_s[k] * abs(v[k]) / level[k]) - z * (
+                1.0 - 1.0 / (1.0 + 0.25 * step_s[k] * abs(v[k]) / level[k])
+            )
+        out[k] = z / 0.01 + 0.1 * v[k]
+    return out
+
+
+def table(v: Floats, load: Floats, step_s: Floats) -> Floats:  # noqa: ARG001
+    """Measured points with unlike directions, straight between them."""
+    speed = np.array([0.0, 0.05, 0.2, 0.6, 1.5, 3.0, 6.0, 12.0])
+    out = np.interp(np.abs(v), speed, [0.0, 0.95, 1.1, 0.9, 0.85, 1.0, 1.3, 1.9])
+    back = np.interp(np.abs(v), speed, [0.0, 0.8, 0.9, 0.8, 0.8, 0.95, 1.2, 1.8])
+    return np.where(v > 0.0, out, -back)
+
+
+FRICTIONS: dict[str, Friction] = {"pendulum": stribeck, "geared_joint": geared, "lugre": lugre, "table": table}
+
+DRIVES = {
+    "multisine": (("multisine", 4.0),),
+    "two sines": (("sine", 4.0), ("sine", 1.5)),
+    "triangle": (("triangle", 2.5),),
+    "speed steps": (("speed_steps", 8.0),),
+    "one sine": (("sine", 2.0),),
+    "tiny stroke": (("multisine", 2.0),),
+}
+"""The last two separate little: there the figure is what is said."""
+
+FAIR = tuple(DRIVES)[:4]
+
+
+@dataclass(frozen=True)
+class Record:
+    """Samples of one drive with the truth: unknown coefficients, and the terms that tell them."""
+
+    time: Floats
+    position: Floats
+    velocity: Floats
+    effort: Floats
+    load: Floats
+    truth: dict[str, float]
+    unknown: list[str]
+    known: list[str]
+
+    def admitted(self, config: Config) -> Samples:
+        """Return the samples as replay has them."""
+        n = self.time.size
+        stamps = 10**18 + np.round(self.time * 1e9).astype(np.int64)
+        intake = Intake(config, capacity=n + 1)
+        values = np.column_stack([self.position, self.velocity, self.effort]).ravel()
+        first = intake.push(np.tile([POSITION, VELOCITY, FRICTION], n), np.repeat(stamps, 3), values)
+        last = intake.drain()
+        return first if last is None else in_sequence([first, last])
+
+
+def record(plant: str, drive: str, rate_hz: float, seed: int) -> Record:
+    """Return one seed's record."""
+    rng = np.random.default_rng([seed, len(plant), len(drive)])
+    level = float(np.exp(rng.uniform(np.log(0.05), np.log(5.0))))
+    times = rng.uniform(0.8, 1.25)
+    amplitude = 0.03 if drive == "tiny stroke" else rng.uniform(0.7, 1.4)
+    parts = DRIVES[drive]
+    segments = [Segment(p * times, 0.0, max(1, round(SECONDS / len(parts) / p)), name) for name, p in parts]
+    motion = run_drive(tuple(segments), Geometry(amplitude, 5.0 * amplitude), rate_hz)
+    q, v, a = motion.position_m, motion.velocity_m_s, motion.acceleration_m_s2
+    q = q + rng.uniform(-0.5, 0.5)
+    truth = {
+        "inertia": level * rng.uniform(0.3, 2.0) / np.std(a),
+        "gravity:sin": level * rng.uniform(1.0, 6.0),
+        "gravity:cos": level * rng.uniform(-2.0, 2.0),
+    }
+    load = truth["inertia"] * a + truth["gravity:sin"] * np.sin(q) + truth["gravity:cos"] * np.cos(q)
+    friction = level * FRICTIONS[plant](v, load / level, np.full(v.size, 1.0 / rate_hz))
+    noise = FORCE_NOISE * np.std(friction) * rng.standard_normal(v.size)
+    count = 2.0 * np.pi / COUNTS
+    unknown = ["inertia", "gravity"]
+    known = [f"inertia={truth['inertia']!r}", f"gravity:sin={truth['gravity:sin']!r},cos={truth['gravity:cos']!r}"]
+    return Record(
+        motion.time_s,
+        np.round(q / count) * count,
+        v + VELOCITY_NOISE * np.abs(v).max() * rng.standard_normal(v.size),
+        friction + load + noise,
+        load,
+        truth,
+        unknown,
+        known,
+    )
+
+
+def released(plant: str, rate_hz: float, seed: int) -> Record:
+    """Return a weight that is let go again and again, the motor off: effort 0, gravity known, inertia sought."""
+    rng = np.random.default_rng([seed, 77])
+    inertia, weight, level, fine = 0.02 * rng.uniform(0.7, 1.4), 0.8 * rng.uniform(0.7, 1.4), 0.03, 8
+    step = 1.0 / rate_hz / fine
+    rows, start = [], 0.0
+    for _ in range(8):
+        q, v = rng.choice([-1.0, 1.0]) * rng.uniform(1.5, 2.6), 0.0
+        for k in range(int(3.0 * rate_hz * fine)):
+            friction = level * float(FRICTIONS[plant](np.array([v]), np.zeros(1), np.full(1, step))[0])
+            v += step * -(weight * np.sin(q) + friction) / inertia
+            q += step * v
+            if k % fine == 0:
+                rows.append((start + k * step, q, v))
+        start += 10.0
+    time, q, v = np.array(rows).T
+    load = np.zeros(time.size)
+    return Record(
+        time,
+        q,
+        v + VELOCITY_NOISE * np.abs(v).max() * rng.standard_normal(v.size),
+        FORCE_NOISE * level * rng.standard_normal(v.size),
+        load,
+        {"inertia": inertia},
+        ["inertia", f"gravity:sin={weight!r},cos=0"],
+        [],
+    )
+
+
+def config_of(terms: list[str]) -> Config:
+    """Return the configuration of a run."""
+    settings = {"model.type": "hammerstein", "theory.kind": "none", "input.motion": "rotary"}
+    return Config.from_mapping({**settings, "load.terms": terms})
+
+
+@dataclass(frozen=True)
+class Learned:
+    """What one way of learning made of a record."""
+
+    loads: list[LearnedLoad]
+    friction_error: float
+
+
+def learned(rec: Record, terms: list[str]) -> dict[str, Learned]:
+    """Return what the batch fit and rls make of a record: the loads, and the error of friction without learning."""
+    config = config_of(terms)
+    samples = rec.admitted(config)
+    met = chosen(config, samples.velocity_m_s, friction_alone(config, samples))
+    still = standstill(samples, met.velocity_scale)
+    fit, online = fit_batch(samples, met, use=~still), replay(samples, config)
+
+    def error(at: Config, parameters: Parameters) -> float:
+        nothing = replace(parameters, load_weights=np.zeros(parameters.load_weights.size))
+        wrong = predict(samples, at, nothing) - (rec.effort - rec.load)
+        return float(np.sqrt(np.mean(np.square(wrong[~still]))))
+
+    return {
+        "fit": Learned(fit.loads, error(met, fit.parameters)),
+        "rls": Learned(list(online.loads), error(online.estimator.config, online.parameters)),
+    }
+
+
+def cases(seeds: range, quick: bool) -> Iterator[tuple[str, str, float, int]]:
+    """Yield plant, drive, rate and seed: all seeds on the plants of `simulate`, a quarter on the forms beside them."""
+    for plant in FRICTIONS:
+        few = seeds[: max(1, len(seeds) // 4)]
+        for drive in [*DRIVES, "free swing"]:
+            if drive == "free swing" and plant != "pendulum":
+                continue
+            everything = plant in ("pendulum", "geared_joint") and drive in FAIR[:3]
+            for seed in seeds if everything and not quick else few:
+                yield plant, drive, (200.0, 500.0, 1000.0)[seed % 3], seed
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--quick", action="store_true", help="a quarter of the seeds everywhere")
+    args = parser.parse_args()
+    seeds = range(args.first_seed, args.first_seed + args.seeds)
+    rows: dict[tuple[str, str, str], list[tuple[int, int, int, float]]] = defaultdict(list)
+    for plant, drive, rate, seed in cases(seeds, args.quick):
+        rec = released(plant, rate, seed) if drive == "free swing" else record(plant, drive, rate, seed)
+        unknown = learned(rec, rec.unknown)
+        known = learned(rec, rec.known) if rec.known else unknown
+        for way, run in unknown.items():
+            told = [load for load in run.loads if load.ci95 is not None]
+            inside = [load.ci95[0] <= rec.truth[load.term] <= load.ci95[1] for load in told if load.ci95 is not None]
+            ratio = run.friction_error / known[way].friction_error
+            rows[plant, drive, way].append((len(run.loads), len(told), sum(inside), ratio))
+        print(plant, drive, rate, seed, rows[plant, drive, "fit"][-1], rows[plant, drive, "rls"][-1], file=sys.stderr)
+    head = [
+        "friction",
+        "drive",
+        "learned by",
+        "seeds",
+        "terms",
+        "separated",
+        "of these inside",
+        "seeds with all inside",
+    ]
+    print("| " + " | ".join([*head, "friction error, median", "largest"]) + " |")
+    print("|" + " --- |" * 10)
+    for (plant, drive, way), found in rows.items():
+        terms, told, inside = (sum(row[i] for row in found) for i in range(3))
+        whole = sum(row[1] == row[2] for row in found)
+        ratios = [row[3] for row in found]
+        words = [plant, drive, way, len(found), terms, told, inside, f"{whole} of {len(found)}"]
+        ratio = ["-", "-"] if drive == "free swing" else [f"{np.median(ratios):.3f}", f"{max(ratios):.3f}"]
+        print("| " + " | ".join(str(word) for word in [*words, *ratio]) + " |")
+
+
+if __name__ == "__main__":
+    main()
