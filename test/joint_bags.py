@@ -48,7 +48,7 @@ def robot(seconds: float = 20.0, rate_hz: float = 100.0, seed: int = 0) -> list[
     """Return an arm of six joints as a user finds it: two move, two stand still, one lacks effort, one velocity.
 
     `arm/elbow` and `wrist ä` are sound, `stuck` and `parked` never move (the latter's encoder is noisy), `blind` has
-    NaN for its effort, and the last one, `tool`, has no velocity: that array is one value short.
+    NaN for its effort, and the last one, `tool`, has neither position nor velocity: these arrays are one value short.
     """
     rng = np.random.default_rng(seed)
     t = np.arange(round(seconds * rate_hz)) / rate_hz
@@ -62,4 +62,6 @@ def robot(seconds: float = 20.0, rate_hz: float = 100.0, seed: int = 0) -> list[
     effort[:, 2] *= 0.1
     effort[:, 4] = np.nan
     position = np.cumsum(velocity, axis=0) / rate_hz
-    return [(names, p, v[:5], e) for p, v, e in zip(position.tolist(), velocity.tolist(), effort.tolist(), strict=True)]
+    return [
+        (names, p[:5], v[:5], e) for p, v, e in zip(position.tolist(), velocity.tolist(), effort.tolist(), strict=True)
+    ]

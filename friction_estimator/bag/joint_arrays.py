@@ -69,13 +69,14 @@ class JointArrays:
         return self.starts[quantity] + 8 * self.index(joint, quantity)
 
 
-def holds_a_joint(raw: bytes, *, ros1: bool = False) -> bool:
-    """Whether a message holds velocity and effort of any joint."""
+def holds_a_joint(raw: bytes, motion: tuple[str, ...] = ("velocity",), *, ros1: bool = False) -> bool:
+    """Whether a message holds one of the quantities `motion`, and effort, of any joint."""
     try:
         arrays = JointArrays.walk(Cursor(raw, ros1=ros1))
     except LayoutError:
         return False
-    return bool(arrays.names and arrays.counts["velocity"] and arrays.counts["friction"])
+    moves = any(arrays.counts[quantity] for quantity in motion)
+    return bool(arrays.names and moves and arrays.counts["friction"])
 
 
 @lru_cache(maxsize=256)

@@ -67,7 +67,9 @@ class Joint:
     @property
     def problem(self) -> str:
         """Why no sample of the joint can be used; empty where some can."""
-        for quantity in ("velocity", "friction"):
+        alone = self.quantities["position"].values and not self.quantities["velocity"].values
+        motion = "position" if alone else "velocity"
+        for quantity in (motion, "friction"):
             found, label = self.quantities[quantity], LABELS[quantity]
             if not found.values:
                 return found.absent.most_common(1)[0][0] if found.absent else f"no {label}"

@@ -27,6 +27,9 @@ from friction_estimator.core.settings.groups import InputConfig
 _TIE_ORDER = ("pressure", "temperature", "position", "velocity", "friction")
 """Order of messages recorded at the same time: what a sample needs comes before what completes it."""
 
+_MOTION = {"auto": ("velocity", "position"), "topic": ("velocity",), "position": ("position",)}
+"""What serves as velocity, the better one first, by `input.velocity_from`."""
+
 Progress = Callable[[int, int], None]
 """Takes the messages just read, and how many there are to read in all."""
 
@@ -78,7 +81,7 @@ class Recording:
     Attributes
     ----------
     path : the recording.
-    streams : by input; velocity and friction always, pressure, temperature and position where recorded.
+    streams : by input; friction always, velocity or position, pressure, temperature and position where recorded.
     topics : all topics of the recording.
     notes : what is worth telling about the choice of topics, a line each.
     """
@@ -134,12 +137,12 @@ def read_recording(
     Raises
     ------
     InputError where the recording is damaged or a choice is needed; UnanswerableError where it does not hold
-    velocity and friction.
+    friction, and a velocity or what one can be made of (`input.velocity_from`).
     """
     config = config or InputConfig()
     with Source(path) as source:
         where = str(source.path)
-        chosen = assign(where, source.topics, topics or {}, config.mode, probe_of(source, config))
+        chosen = assign(where, source.topics, topics or {}, config.mode, config.velocity_from, probe_of(source, config))
         builders = {name: _Builder(name, topic, config, source.ros1) for name, topic in chosen.topics.items()}
         counts = {item.topic.name: item.topic.count for item in builders.values()}
         for topic_name, log_time_ns, messages in source.batches(counts):
@@ -157,7 +160,7 @@ def read_recording(
                 progress(len(messages), sum(counts.values()))
         notes = [*source.notes, *chosen.notes]
         streams: dict[str, Stream] = {}
-        failures: list[FrictionEstimatorError] = []
+        failures: dict[str, FrictionEstimatorError] = {}
         for name in INPUTS:
             if name not in builders:
                 continue
@@ -170,14 +173,17 @@ def read_recording(
                         "beyond what a sensor reads: they are passed over"
                     )
             except (InputError, UnanswerableError) as error:
-                if name in REQUIRED or name in chosen.explicit:
-                    failures.append(error)
-                elif builders[name].topic != builders["velocity"].topic:
+                if name in REQUIRED or name in chosen.explicit or config.velocity_from == "position":
+                    failures[name] = error
+                elif "velocity" not in builders or builders[name].topic != builders["velocity"].topic:
                     notes.append(f"no {name} is used: {error}")
+        if "position" in streams and "velocity" not in chosen.explicit and config.velocity_from == "auto":
+            failures.pop("velocity", None)
         if failures:
             # A joint that is not there lacks both of its values: once is enough.
-            told = failures[:1] if str(failures[0]).endswith(CHOOSE_JOINT) else failures
-            raise type(failures[0])(f"{where}: {'; '.join(map(str, told))}")
+            first, *others = failures.values()
+            told = [first] if str(first).endswith(CHOOSE_JOINT) else [first, *others]
+            raise type(first)(f"{where}: {'; '.join(map(str, told))}")
         return Recording(source.path, streams, source.topics, tuple(notes))
 
 
@@ -191,16 +197,22 @@ def probe_of(source: Source, config: InputConfig) -> Probe:
         raw = source.first(topic.name)
         if raw is None:
             return "no messages"
-        if name == JOINT_STATES and not config.joint and holds_a_joint(raw, ros1=source.ros1):
+        motion = _MOTION[config.velocity_from]
+        if name == JOINT_STATES and not config.joint and holds_a_joint(raw, motion, ros1=source.ros1):
             return ""
-        reasons = []
-        for quantity in REQUIRED if name == JOINT_STATES else (name,):
+
+        def lacks(quantity: str) -> str:
             want = Want(quantity, config.axis, config.joint)
             try:
                 Decoder(EXTRACTORS[topic.message_type], want, ros1=source.ros1).one(raw)
             except (LayoutError, NoValueError) as error:
-                reasons.append(f"no {quantity}, {error}")
-        return "; ".join(reasons)
+                return f"no {quantity}, {error}"
+            return ""
+
+        if name != JOINT_STATES:
+            return lacks(name)
+        without = [lacks(quantity) for quantity in motion]
+        return "; ".join(filter(None, (without[0] if all(without) else "", lacks("friction"))))
 
     return why_not
 

@@ -10,6 +10,7 @@ from friction_estimator.bag.read import Recording
 from friction_estimator.core.errors import UnanswerableError
 from friction_estimator.core.intake.admission import Intake
 from friction_estimator.core.intake.encoder import Wraps
+from friction_estimator.core.intake.tracking import Tracker
 from friction_estimator.core.sample import NS_PER_S, Samples
 from friction_estimator.core.settings.config import Config
 
@@ -31,6 +32,7 @@ class Admitted:
     rejected : by reason (see `pairing.REASONS`).
     gaps, jumps : gaps in time, and backward jumps of the clock.
     wraps : wraps of the position's encoder, which were undone.
+    tracker : what made velocities of positions; None where they were recorded.
     """
 
     samples: Samples
@@ -39,6 +41,7 @@ class Admitted:
     gaps: int
     jumps: int
     wraps: Wraps
+    tracker: Tracker | None = None
 
 
 def to_samples(recording: Recording, config: Config) -> Admitted:
@@ -46,7 +49,7 @@ def to_samples(recording: Recording, config: Config) -> Admitted:
 
     Raises UnanswerableError where no sample is usable; the message counts the reasons.
     """
-    intake = Intake(config)
+    intake = Intake(config if "velocity" in recording.streams else config.updated(_position_alone(recording)))
     events = recording.events()
     parts = [
         intake.push(events.stream[part], events.stamp_ns[part], events.value[part])
@@ -82,13 +85,30 @@ def to_samples(recording: Recording, config: Config) -> Admitted:
         **held,  # type: ignore[arg-type]
     )
     breaks = intake.sequencer
-    return Admitted(samples, used + sum(counts.values()), counts, breaks.gaps, breaks.jumps, intake.encoder.wraps)
+    return Admitted(
+        samples,
+        used + sum(counts.values()),
+        counts,
+        breaks.gaps,
+        breaks.jumps,
+        intake.encoder.wraps,
+        None if "velocity" in recording.streams else intake.pairer.tracker,
+    )
+
+
+def _position_alone(recording: Recording) -> dict[str, object]:
+    """Return the settings by which a recording without velocity is taken as the live node takes it."""
+    one_message = recording.streams["position"].topic == recording.streams["friction"].topic
+    return {"input.mode": "joint_state"} if one_message else {}
 
 
 def _why_none(recording: Recording, counts: Mapping[str, int]) -> str:
     """Say why no sample is usable."""
     words = ", ".join(f"{count} {reason.replace('_', ' ')}" for reason, count in counts.items()) or "no messages"
-    velocity, friction = recording.streams["velocity"], recording.streams["friction"]
+    streams = recording.streams
+    velocity, friction = streams.get("velocity", streams.get("position")), streams["friction"]
+    if velocity is None:
+        return words
     if counts.get("unmatched") and len(velocity) and len(friction):
         size = min(len(velocity), len(friction))
         apart = np.median(np.abs(friction.stamp_ns[:size] - velocity.stamp_ns[:size])) / NS_PER_S

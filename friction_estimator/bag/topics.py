@@ -46,6 +46,7 @@ def assign(
     topics: Iterable[Topic],
     named: Mapping[str, str],
     mode: str = "stamped",
+    velocity_from: str = "auto",
     probe: Probe = lambda name, topic: "",  # noqa: ARG005
 ) -> Assignment:
     """Choose the topic of every input.
@@ -56,6 +57,7 @@ def assign(
     topics : its topics.
     named : topic by input, as the user gave them (`joint_states` among the inputs).
     mode : `input.mode`; "joint_state" takes velocity and friction from a JointState topic only.
+    velocity_from : `input.velocity_from`; unless it is "topic", a position does for the velocity.
     probe : looks into topics that compete.
 
     Raises
@@ -67,25 +69,32 @@ def assign(
     found = {name: chooser.named(name, topic) for name, topic in named.items()}
     joints = found.pop(JOINT_STATES, None)
     notes = []
+    required = REQUIRED if velocity_from != "position" else ("position", "friction")
     if joints is None and mode == "joint_state":
         joints = chooser.joints("input.mode joint_state")
     if joints is None:
-        stamped = {name: found.get(name) or chooser.unnamed(name) for name in REQUIRED}
+        stamped = {name: found.get(name) or chooser.unnamed(name) for name in required}
         missing = [name for name, topic in stamped.items() if topic is None]
         if missing:
-            joints = None if set(REQUIRED) & set(named) else chooser.unnamed(JOINT_STATES)
-            if joints is None:
+            joints = None if set(required) & set(named) else chooser.unnamed(JOINT_STATES)
+            position = None
+            if joints is None and missing == ["velocity"] and velocity_from == "auto":
+                position = stamped["position"] = found.get("position") or chooser.unnamed("position")
+            if joints is None and position is None:
                 raise UnanswerableError(
                     f"{where} has no topic for {' or '.join(missing)}: it has {chooser.listing()}; "
                     f"name one with --topic {missing[0]}=TOPIC, or use --topic joint_states=TOPIC --joint NAME"
                 )
-            notes.append(
-                f"no topic for {' or '.join(missing)}: velocity and effort of {joints.name} are used; "
-                "an effort holds inertia and gravity too"
-            )
+            if joints is not None:
+                notes.append(
+                    f"no topic for {' or '.join(missing)}: {required[0]} and effort of {joints.name} are used; "
+                    "an effort holds inertia and gravity too"
+                )
         found |= {name: topic for name, topic in stamped.items() if topic is not None}
     if joints is not None:
-        found |= {name: joints for name in REQUIRED if name not in named}
+        found |= {name: joints for name in required if name not in named}
+    if velocity_from == "position":
+        found.pop("velocity", None)
     for name in OPTIONAL:
         if name in found:
             continue

@@ -115,7 +115,8 @@ def _load(bag: str, args: argparse.Namespace, config: Config, output: common.Out
 
     with about(bag), common.progress(f"reading {bag}", unit="messages") as advance:
         recording = read_recording(bag, config.input, common.topics_from(args), advance)
-    velocity, friction = recording.streams["velocity"], recording.streams["friction"]
+    velocity = recording.streams.get("velocity") or recording.streams["position"]
+    friction = recording.streams["friction"]
     offset = 0
     if velocity.stamped and friction.stamped and velocity.topic != friction.topic:
         offset = streams.offset_ns(velocity.stamp_ns, friction.stamp_ns)

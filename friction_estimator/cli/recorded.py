@@ -175,6 +175,8 @@ def _read(
         output.say(
             f"{name:<12}{stream.topic} ({stream.message_type.replace('/msg/', '/')}{joint}), {len(stream)} messages"
         )
+    if admitted.tracker is not None:
+        output.say(f"{'velocity':<12}from the position: {admitted.tracker.words('m')}")
     for note in recording.notes:
         output.say(f"note: {note}")
     refused = ", ".join(f"{count} {reason}" for reason, count in admitted.rejected.items())
@@ -189,7 +191,8 @@ def _read(
 
 def _live_input(recording: Recording) -> dict[str, object]:
     """Return the settings by which the live node takes the same inputs; config.yaml is written for it."""
-    velocity, friction = recording.streams["velocity"], recording.streams["friction"]
+    streams = recording.streams
+    velocity, friction = streams.get("velocity") or streams["position"], streams["friction"]
     if velocity.topic == friction.topic and velocity.joint:
         return {"input.mode": "joint_state", "input.joint": velocity.joint}
     if velocity.message_type == friction.message_type == "std_msgs/msg/Float64":

@@ -20,7 +20,7 @@ class Intake:
 
     Parameters
     ----------
-    config : `sync.*`, `input.friction_sign` and `load.*` are read.
+    config : `sync.*`, `input.friction_sign`, `input.velocity_from` and `load.*` are read.
     capacity : messages kept per stream while they wait for a partner; `sync.queue` unless given.
 
     Attributes
@@ -43,6 +43,7 @@ class Intake:
         self.sequencer = Sequencer(config.sync)
         self.encoder = Encoder()
         self.sign = float(config.input.friction_sign)
+        self.pairer.follow(config.input)
         self.load = LoadTerms(config)
         self._position = PositionIntegral() if self.load.needs("position") else None
         self._acceleration = AccelerationFilter(config.load.half_width) if self.load.needs("acceleration") else None
@@ -65,6 +66,7 @@ class Intake:
         self.pairer.retune(config.sync)
         self.sequencer.retune(config.sync)
         self.sign = float(config.input.friction_sign)
+        self.pairer.follow(config.input)
 
     def push(self, stream: ArrayLike, stamp_ns: ArrayLike, value: ArrayLike) -> Samples:
         """Take events (see `Pairer.push`); return the samples that they complete and that are admitted.

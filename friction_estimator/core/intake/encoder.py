@@ -66,62 +66,72 @@ def _is_first_wrap(state, change, excess):  # type: ignore[no-untyped-def] # pra
 
 
 @njit(cache=True)
-def unwrap(stamp, velocity, restart, position, shift, state):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Add the turns to `position` in place; `shift` is filled with what was added. Samples without one are passed over.
+def turned(now, v, begins, shown, state):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return the turns to add to the position `shown` at the time `now` (s) and velocity v; `begins` after a gap.
 
     The change that is expected is the last one carried on (velocity channels that are off by a factor of two exist).
     A channel that is slower than the samples shows the same value for a while: then nothing is decided.
     """
+    if not abs(shown) <= LARGEST_POSITION:
+        return state[TURNS] * state[MODULUS]
+    wild = False
+    if begins or np.isnan(state[SHOWN]):
+        since = now - state[LAST]
+        if since < 0.0:
+            state[TURNS] = 0.0
+        elif state[MODULUS] > 0.0:
+            travel = 0.5 * (v + state[VELOCITY]) * since
+            if abs(travel) > KNOWN_TRAVEL * state[MODULUS]:
+                travel = 0.0
+            state[TURNS] -= np.round((shown - state[SHOWN] - travel) / state[MODULUS])
+        state[RATE], state[TRAVELLED], state[CHANGED_AT] = np.nan, 0.0, now
+    else:
+        state[TRAVELLED] += 0.5 * (v + state[VELOCITY]) * (now - state[LAST])
+        change = shown - state[SHOWN]
+        if change != 0.0:
+            since = now - state[CHANGED_AT]
+            expected = state[TRAVELLED] if np.isnan(state[RATE]) else state[RATE] * since
+            excess = change - expected
+            turns = 0.0
+            if state[MODULUS] > 0.0:
+                turns = np.round(excess / state[MODULUS])
+                if abs(excess - turns * state[MODULUS]) > WRAP_WITHIN * state[MODULUS]:
+                    turns = 0.0
+            elif _is_first_wrap(state, change, excess):
+                turns = 1.0 if excess > 0.0 else -1.0
+            if turns != 0.0:
+                state[JUMPS] += abs(turns)
+                state[MODULUS] += (abs(excess / turns) - state[MODULUS]) / state[JUMPS]
+                state[TURNS] -= turns
+            else:
+                step = abs(change)
+                wild = state[CHANGES] >= FEWEST_CHANGES and step > BEYOND_STEPS * state[STEP]
+                if state[CHANGES] >= FEWEST_CHANGES:
+                    step = min(step, STEP_GROWTH * state[STEP])
+                state[STEP] = max(state[STEP], step)
+                state[RATE] = np.nan if wild or since <= 0.0 else change / since
+                state[CHANGES] += 1.0
+            state[TRAVELLED], state[CHANGED_AT] = 0.0, now
+    if not wild:  # a wild value tells nothing of the span, and the change that follows it is no wrap
+        state[LOW], state[HIGH] = min(state[LOW], shown), max(state[HIGH], shown)
+    state[SHOWN], state[VELOCITY], state[LAST] = shown, v, now
+    return state[TURNS] * state[MODULUS]
+
+
+@njit(cache=True)
+def unwrap(stamp, velocity, restart, position, shift, state):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Add the turns to `position` in place; `shift` is filled with what was added. Samples without one are passed over."""
     for k in range(position.size):
-        shown = position[k]
-        shift[k] = state[TURNS] * state[MODULUS]
-        if not abs(shown) <= LARGEST_POSITION:
-            continue
-        now = stamp[k] / NS_PER_S
-        v = velocity[k]
-        begins, wild = restart[k] or np.isnan(state[SHOWN]), False
-        if begins:
-            since = now - state[LAST]
-            if since < 0.0:
-                state[TURNS] = 0.0
-            elif state[MODULUS] > 0.0:
-                travel = 0.5 * (v + state[VELOCITY]) * since
-                if abs(travel) > KNOWN_TRAVEL * state[MODULUS]:
-                    travel = 0.0
-                state[TURNS] -= np.round((shown - state[SHOWN] - travel) / state[MODULUS])
-            state[RATE], state[TRAVELLED], state[CHANGED_AT] = np.nan, 0.0, now
-        else:
-            state[TRAVELLED] += 0.5 * (v + state[VELOCITY]) * (now - state[LAST])
-            change = shown - state[SHOWN]
-            if change != 0.0:
-                since = now - state[CHANGED_AT]
-                expected = state[TRAVELLED] if np.isnan(state[RATE]) else state[RATE] * since
-                excess = change - expected
-                turns = 0.0
-                if state[MODULUS] > 0.0:
-                    turns = np.round(excess / state[MODULUS])
-                    if abs(excess - turns * state[MODULUS]) > WRAP_WITHIN * state[MODULUS]:
-                        turns = 0.0
-                elif _is_first_wrap(state, change, excess):
-                    turns = 1.0 if excess > 0.0 else -1.0
-                if turns != 0.0:
-                    state[JUMPS] += abs(turns)
-                    state[MODULUS] += (abs(excess / turns) - state[MODULUS]) / state[JUMPS]
-                    state[TURNS] -= turns
-                else:
-                    step = abs(change)
-                    wild = state[CHANGES] >= FEWEST_CHANGES and step > BEYOND_STEPS * state[STEP]
-                    if state[CHANGES] >= FEWEST_CHANGES:
-                        step = min(step, STEP_GROWTH * state[STEP])
-                    state[STEP] = max(state[STEP], step)
-                    state[RATE] = np.nan if wild or since <= 0.0 else change / since
-                    state[CHANGES] += 1.0
-                state[TRAVELLED], state[CHANGED_AT] = 0.0, now
-        if not wild:  # a wild value tells nothing of the span, and the change that follows it is no wrap
-            state[LOW], state[HIGH] = min(state[LOW], shown), max(state[HIGH], shown)
-        state[SHOWN], state[VELOCITY], state[LAST] = shown, v, now
-        shift[k] = state[TURNS] * state[MODULUS]
-        position[k] = shown + shift[k]
+        shift[k] = turned(stamp[k] / NS_PER_S, velocity[k], restart[k], position[k], state)
+        position[k] += shift[k]
+
+
+def new_state() -> Floats:
+    """Return the state before the first position, (STATE_SIZE,)."""
+    state = np.zeros(STATE_SIZE)
+    state[[SHOWN, RATE]] = np.nan
+    state[LOW], state[HIGH] = np.inf, -np.inf
+    return state
 
 
 @dataclass(frozen=True)
@@ -146,9 +156,7 @@ class Encoder:
     """
 
     def __init__(self) -> None:
-        self._state = np.zeros(STATE_SIZE)
-        self._state[[SHOWN, RATE]] = np.nan
-        self._state[LOW], self._state[HIGH] = np.inf, -np.inf
+        self._state = new_state()
 
     def push(self, stamp_ns: Ints, velocity_m_s: Floats, restart: Bools, position_m: Floats) -> Floats:
         """Unwrap `position_m` in place; return what was added, (n,)."""

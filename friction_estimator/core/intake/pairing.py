@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from friction_estimator.compiled import njit
+from friction_estimator.core.intake.tracking import Tracker, track
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Ints
-from friction_estimator.core.settings.groups import SyncConfig
+from friction_estimator.core.settings.groups import InputConfig, SyncConfig
 
 VELOCITY, FRICTION, PRESSURE, TEMPERATURE, POSITION = range(5)
 """Stream numbers of `Pairer.push`; the last three are held channels."""
@@ -38,6 +39,20 @@ overflow. A held channel passes over them, as it does over what is no number."""
 
 SMALLEST_VALUE = 1e-30
 """Smaller magnitudes are zero, which no sensor tells them from: their squares would underflow."""
+
+
+FROM_EITHER, FROM_TOPIC, FROM_POSITION = range(3)
+"""Where the velocity comes from: the topic from its first message on and position before, one of them always."""
+
+SOURCES_OF_VELOCITY = {"auto": FROM_EITHER, "topic": FROM_TOPIC, "position": FROM_POSITION}
+"""By `input.velocity_from`."""
+
+WAIT_NS = NS_PER_S
+"""Time for which positions come alone before they are taken for velocities: another topic may be found a little later."""
+
+MODE, HEARD, WAIT, FIRST = range(4)
+"""Places in the choice of the velocity: where it comes from, whether a velocity message has come, how long to wait for
+one, and the stamp of the first position."""
 
 
 @dataclass(frozen=True)
@@ -82,12 +97,18 @@ def pair(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     held_count,
     held_now,
     dropped,
+    choice,
+    clock,
+    tracked,
     out_stamp,
     out_velocity,
     out_friction,
     out_held,
 ):
-    """Join events in arrival order; `queue` holds head and count of both rings and the last joined stamp."""
+    """Join events in arrival order; `queue` holds head and count of both rings and the last joined stamp.
+
+    A position is a velocity too where none is measured: the one that `track` finds at its stamp.
+    """
     size = queue_stamp.shape[1]
     joined = 0
     for k in range(stamp.size):
@@ -99,7 +120,20 @@ def pair(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
                 place = held_count[channel] % HELD_MEMORY
                 held_stamp[channel, place], held_value[channel, place] = stamp[k], given
                 held_count[channel] += 1
-            continue
+            if own != POSITION or choice[MODE] == FROM_TOPIC or choice[HEARD]:
+                continue
+            known, given = track(stamp[k], value[k], clock, tracked)
+            if choice[FIRST] == 0:
+                choice[FIRST] = stamp[k]
+            if not known or (choice[MODE] == FROM_EITHER and abs(stamp[k] - choice[FIRST]) < choice[WAIT]):
+                continue
+            if abs(given) < SMALLEST_VALUE:
+                given = 0.0
+            own = VELOCITY
+        elif own == VELOCITY:
+            if choice[MODE] == FROM_POSITION:
+                continue
+            choice[HEARD] = 1
         other = 1 - own
         best, best_distance = -1, slop_ns + 1
         for position in range(queue[2 + other]):
@@ -150,13 +184,18 @@ class Pairer:
     """Join velocity and friction messages by header stamp; each message is used at most once.
 
     A message waits in its stream's queue (at most `capacity`) until the other stream brings its stamp. A match
-    drops what waits before it in both queues. Nothing depends on the time of day or on how the two topics
+    drops what waits before it in both queues. Where no velocity is measured, positions stand for it (`follow`): as long
+    as no velocity message has come, or always. Nothing depends on the time of day or on how the two topics
     interleave, so bag loops and clock jumps need no special case here.
 
     Parameters
     ----------
     sync : slop and queue length.
     capacity : messages kept per stream; `sync.queue` unless given (offline reading can afford more).
+
+    Attributes
+    ----------
+    tracker : makes velocities of positions.
     """
 
     def __init__(self, sync: SyncConfig, capacity: int | None = None) -> None:
@@ -171,6 +210,26 @@ class Pairer:
         self._held_count = np.zeros(HELD, np.int64)
         self._held_now = np.full(HELD, np.nan)
         self._dropped = np.zeros(len(REASONS), np.int64)
+        self._choice = np.zeros(4, np.int64)
+        self.tracker = Tracker()
+
+    def follow(self, config: InputConfig) -> None:
+        """Take the velocity from where `velocity_from` says, from now on; see `WAIT_NS` where it leaves that open.
+
+        A JointState needs no wait: its position is handed over only where its velocity is empty. Messages without
+        stamps are paired by time of receipt, which no position has.
+        """
+        mode = FROM_TOPIC if config.mode == "float64" else SOURCES_OF_VELOCITY[config.velocity_from]
+        if mode != self._choice[MODE]:
+            self._choice[:] = 0
+        self._choice[MODE] = mode
+        self._choice[WAIT] = 0 if config.mode == "joint_state" else WAIT_NS
+
+    @property
+    def tracks(self) -> bool:
+        """Whether a position is taken for a velocity."""
+        mode, heard, _, _ = self._choice.tolist()
+        return mode == FROM_POSITION or (mode == FROM_EITHER and not heard)
 
     def retune(self, sync: SyncConfig) -> None:
         """Pair by other settings from now on; what waits goes on waiting, the oldest dropped where room is less."""
@@ -221,6 +280,9 @@ class Pairer:
             self._held_count,
             self._held_now,
             self._dropped,
+            self._choice,
+            self.tracker.clock,
+            self.tracker.state,
             out_stamp,
             out_velocity,
             out_friction,

@@ -256,6 +256,13 @@ class InputConfig:
         "What one joint has learned is named JOINT.learned.*.",
         at_start=True,
     )
+    velocity_from: str = setting(
+        "auto",
+        "Where the velocity comes from: topic; position (a tracking filter without delay at constant acceleration, its "
+        "memory chosen by the encoder's counts and noise); auto: position as long as no velocity has come.",
+        choices=("auto", "topic", "position"),
+        live=True,
+    )
     friction_sign: int = setting(
         1,
         "-1 for a sensor wired the other way (friction must be positive at positive velocity).",
