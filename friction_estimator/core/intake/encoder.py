@@ -120,7 +120,7 @@ def turned(now, v, begins, shown, state):  # type: ignore[no-untyped-def] # prag
 
 @njit(cache=True)
 def unwrap(stamp, velocity, restart, position, shift, state):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Add the turns to `position` in place; `shift` is filled with what was added. Samples without one are passed over."""
+    """Add the turns to `position` in place; `shift` is filled with what was added. Nothing is added to no number."""
     for k in range(position.size):
         shift[k] = turned(stamp[k] / NS_PER_S, velocity[k], restart[k], position[k], state)
         position[k] += shift[k]

@@ -48,7 +48,7 @@ SOURCES_OF_VELOCITY = {"auto": FROM_EITHER, "topic": FROM_TOPIC, "position": FRO
 """By `input.velocity_from`."""
 
 WAIT_NS = NS_PER_S
-"""Time for which positions come alone before they are taken for velocities: another topic may be found a little later."""
+"""Time for which positions come alone before they are taken for velocities: another topic may be found later."""
 
 MODE, HEARD, WAIT, FIRST = range(4)
 """Places in the choice of the velocity: where it comes from, whether a velocity message has come, how long to wait for

@@ -55,7 +55,7 @@ LATTICE_TIES = 16
 """A least second difference that has come that often is a count."""
 
 NOISE_OF_COUNTS = 0.6
-"""Share of a count that the noise of a mere encoder stays below (it is 0.29); where there is noise, the least difference
+"""Share of a count that the noise of a mere encoder stays below (it is 0.29); of noise, the least difference
 that repeats is a small part of it."""
 
 ROUGHNESS_RATE = 0.02
