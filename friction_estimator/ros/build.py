@@ -1,0 +1,47 @@
+"""Estimators of configurations: with the terms of a diagnosis, on trial, and one to compile the loops with."""
+
+from dataclasses import replace
+
+from friction_estimator.core.intake.pairing import FRICTION, VELOCITY
+from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.units import NO_FORCE, NO_VELOCITY
+from friction_estimator.ros.stream import SampleStream
+
+
+def build(config: Config) -> Estimator:
+    """Return the estimator of a configuration, with the terms that a diagnosis added."""
+    if not config.extension.terms:
+        return Estimator(config)
+    from friction_estimator.effects.extension import extension_from_config  # noqa: PLC0415 - seldom needed
+
+    return Estimator(config, extension_from_config(config))
+
+
+def without_learned(config: Config) -> Config:
+    """Return the configuration for a cold start."""
+    return replace(config, learned=type(config.learned)())
+
+
+def supposed(config: Config) -> Config:
+    """Return the configuration with range and units of no meaning where they are open, to try the rest of it."""
+    values: dict[str, object] = {}
+    if config.reach is None:
+        values |= {"learned.velocity_range": (-NO_VELOCITY, NO_VELOCITY), "learned.velocity_scale": NO_VELOCITY}
+    if not config.unit_N > 0.0:
+        values["learned.force_unit"] = NO_FORCE
+    return config.updated(values)
+
+
+def warm_up() -> None:
+    """Compile the sample loops, so that the first sample is not late by seconds."""
+    for model in ("hammerstein", "parallel"):
+        config = supposed(Config.from_mapping({"model.type": model}))
+        stream = SampleStream(config, build, lambda *_: None)
+        stream.begin(config)
+        for stamp_ns in (1, 2):
+            stream.event(VELOCITY, stamp_ns, 0.01)
+            stream.event(FRICTION, stamp_ns, 1.0)
+        if stream.estimator is not None:
+            stream.estimator.step(3, 0.01, 1.0)  # the way of samples that have waited
+            stream.estimator.curve()

@@ -1,0 +1,321 @@
+"""One joint, shaft or slide whose friction the node estimates: everything that is the estimate's own."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from rclpy.node import Node
+
+from friction_estimator.core.errors import ConfigError, FrictionEstimatorError, sentence
+from friction_estimator.core.fit.band import Curve
+from friction_estimator.core.model.structure import Parameters
+from friction_estimator.core.online.estimator import CHOSEN, Estimator, stated_config
+from friction_estimator.core.settings.config import PARAMETERS, Config
+from friction_estimator.core.settings.units import MOTION_S, REVERSALS
+from friction_estimator.ros.build import build, supposed, without_learned
+from friction_estimator.ros.load import Load
+from friction_estimator.ros.outputs import Outputs
+from friction_estimator.ros.sources import Inputs
+from friction_estimator.ros.state_keeper import StateKeeper
+from friction_estimator.ros.stream import SampleStream
+from friction_estimator.ros.wire import NO_FRAME
+
+LEARNED = tuple(name for name, item in PARAMETERS.items() if item.learned)
+ARRAYS = tuple(name for name in LEARNED if name not in CHOSEN)
+"""What is learned in range and units, which are the rest of the learned values."""
+
+STILL_NEEDED = f"still needed: {REVERSALS} reversals or {MOTION_S:g} s of motion"
+"""What ends the first contact."""
+
+FEW_POINTS = 41
+"""Velocities at which the learned part of the range is looked for where nobody asks for the whole curve."""
+
+SNAPSHOT_S = 2.0
+"""Learned parameters read in quick succession are of one moment, so that a dump is consistent."""
+
+
+class EstimatedJoint:
+    """Samples in, predictions out, with what is learned between them: its stream, outputs and state file.
+
+    The node around it owns inputs, services, timers and parameters, and calls. Nothing begins before `start`.
+
+    Parameters
+    ----------
+    node : owner of publishers and log.
+    config : all parameters, learned values among them.
+    load : is told how long each sample took.
+    on_backlog : called where samples begin to wait; `work_off` has to be called then, until nothing waits.
+
+    Attributes
+    ----------
+    config : in force; the parameters, with the learned values that this joint was given.
+    notes : lasting facts worth a warning level in diagnostics, by their key.
+    """
+
+    def __init__(self, node: Node, config: Config, load: Load, on_backlog: Callable[[], None]) -> None:
+        self._log = node.get_logger()
+        self.config, self._configured = config, config.learned
+        self.notes: dict[str, str] = {}
+        self._snapshot: tuple[float, Config | None] = (0.0, None)
+        self._inputs: Inputs | None = None
+        self.outputs = Outputs(node, config.input.axis)
+        for fault in self.outputs.faults:
+            self._log.error(fault)
+            self.notes["outputs"] = "; ".join(self.outputs.faults)
+        self.keeper = StateKeeper(self._log)
+        self._on_backlog = on_backlog
+        self.stream = SampleStream(config, self._met, self._publish, load)
+        self.stream.on_backlog = on_backlog
+
+    def connect(self, inputs: Inputs) -> None:
+        """Be fed by these inputs from now on."""
+        self._inputs = inputs
+        self.stream.queue_depth = inputs.depth
+
+    # --- the estimator -----------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Begin as the parameters and the state file say: warm, cold, or with the first contact.
+
+        Where the configuration allows no estimator, say why and live on without.
+        """
+        self.keeper.configure(self.config.state)
+        try:
+            estimator = self._trial(self.config)
+        except FrictionEstimatorError as error:
+            self._unusable(sentence(error))
+            self.stream.begin(None)
+            return
+        self._begin(estimator)
+        if self.keeper.start():
+            try:
+                self._log.info(self.keeper.load(self._restored))
+            except FrictionEstimatorError as error:
+                self.keeper.refuse(error)
+
+    def _begin(self, estimator: Estimator) -> None:
+        """Begin with an estimator of the present configuration, or with the first contact that it asks for."""
+        self.stream.begin(self.config, estimator if self.config.is_met else None)
+        if self.stream.meeting:
+            unset = " and ".join(name for name in ("basis.velocity_range", "force_unit") if not self._known(name))
+            self._log.info(
+                f"first contact: {unset} come from the first samples; nothing is published before ({STILL_NEEDED})"
+            )
+
+    def _known(self, name: str) -> object:
+        return self.config.reach if name == "basis.velocity_range" else self.config.unit_N
+
+    def _trial(self, config: Config) -> Estimator:
+        """Return an estimator of the parameters, with units of no meaning where they are open.
+
+        The configuration is in force then, but for learned values that fit no estimator: they are forgotten. Raises
+        FrictionEstimatorError where there can be none; nothing has changed then.
+        """
+        cold = without_learned(config)
+        given = [name for name in ARRAYS if PARAMETERS[name].of(config)]
+        reason = ""
+        try:
+            if given and not config.is_met:
+                raise ConfigError(
+                    f"{given[0]} is given without the range and units that it was learned in ({', '.join(CHOSEN)})"
+                )
+            estimator = build(supposed(config))
+        except FrictionEstimatorError as error:
+            if not given:
+                raise
+            reason = sentence(error)
+            config, estimator = cold, build(supposed(cold))
+        for note in ("configuration", "started cold", "reset"):
+            self.notes.pop(note, None)
+        if reason:
+            self._log.error(f"starting cold: {reason}")
+            self.notes["started cold"] = reason
+        self.config = config
+        return estimator
+
+    def _unusable(self, reason: str) -> None:
+        self._log.error(f"not estimating: {reason}; correct it and call ~/reset")
+        self.notes["configuration"] = f"not estimating: {reason}"
+
+    def _met(self, config: Config) -> Estimator:
+        """Build the estimator that the first contact asks for, and say what it chose."""
+        try:
+            estimator = build(config)
+        except FrictionEstimatorError as error:
+            self._unusable(str(error))
+            raise
+        estimator.retune(self.config)
+        told = f"first contact ended, {self.stream.held_back} samples waited"
+        if self.stream.dropped:
+            told += f" and {self.stream.dropped} before them were let go"
+        self._log.info(f"{told}: {_units_of(config)}; ~/reset forgets that")
+        self._on_backlog()
+        return estimator
+
+    def _restored(self, state: Mapping[str, Any]) -> Estimator:
+        """Go on with a state; raises where it does not fit, and nothing has changed then."""
+        estimator = self.stream.estimator
+        if estimator is not None:
+            estimator.restore(state)
+            return estimator
+        if "configuration" in self.notes:
+            raise ConfigError(self.notes["configuration"])
+        estimator = build(stated_config(self.config, state))
+        estimator.restore(state)
+        self.stream.go_on(estimator)
+        self._log.info(f"no first contact needed: {_units_of(estimator.config)}")
+        self._on_backlog()
+        return estimator
+
+    def running(self) -> Estimator:
+        """Return the estimator; raises ConfigError with the reason where there is none."""
+        if self.stream.estimator is None:
+            waiting = f"first contact: nothing is learned yet, {self.stream.held_back} samples wait, {STILL_NEEDED}"
+            raise ConfigError(self.notes.get("configuration", waiting))
+        return self.stream.estimator
+
+    # --- what comes out ----------------------------------------------------------------------------------------
+
+    def _publish(self, stamp_ns: int, predicted_N: float, friction_N: float, stddev_N: float) -> None:
+        frame = self._inputs.frame if self._inputs is not None else NO_FRAME
+        self.outputs.sample(stamp_ns, frame, predicted_N, friction_N, stddev_N)
+        estimator = self.stream.estimator
+        if self.outputs.parameters_due(self.config.publish.parameters_rate) and estimator is not None:
+            self.outputs.parameters(estimator.parameters)
+
+    def look(self) -> Curve | None:
+        """Save the state where it is time to; return the static curve, published where somebody listens.
+
+        At few velocities where nobody does; None without an estimator.
+        """
+        estimator = self.stream.estimator
+        if estimator is None:
+            return None
+        self.keeper.tick(estimator)
+        conditions = self.stream.conditions
+        if not self.outputs.curve_wanted:
+            low, high = estimator.model.basis.reach
+            return estimator.curve(conditions, np.linspace(low, high, FEW_POINTS))
+        curve = estimator.curve(conditions)
+        self.outputs.curve(curve)
+        return curve
+
+    # --- what the services ask for -----------------------------------------------------------------------------
+
+    def reset(self) -> str:
+        """Forget what was learned and put all parameters into force; where they allow no estimator, go on as before.
+
+        Raises FrictionEstimatorError with the reason then.
+        """
+        # Extension terms refer to the model that they were found beside, so that one is gone back to.
+        config = (
+            replace(self.config, learned=self._configured)
+            if self.config.extension.terms
+            else without_learned(self.config)
+        )
+        try:
+            estimator = self._trial(config)
+        except FrictionEstimatorError as error:
+            reason = sentence(error)
+            if not self.stream.running:
+                self._unusable(reason)
+                raise
+            self._log.error(f"~/reset refused: {reason}; what was running goes on")
+            self.notes["reset"] = f"refused, what was running goes on: {reason}"
+            raise
+        self._begin(estimator)
+        self.stream.restart()
+        self.stream.learn = self.config.model.adapt
+        self._learned_changed()
+        return f"started cold with the present parameters{'; first contact' if self.stream.meeting else ''}"
+
+    def save(self) -> str:
+        """Write the state file; raises FrictionEstimatorError with the reason where that is impossible."""
+        return self.keeper.save(self.running())
+
+    def load(self) -> str:
+        """Go on with the state file; raises FrictionEstimatorError, and changes nothing, where that is impossible."""
+        if "configuration" in self.notes:
+            raise ConfigError(self.notes["configuration"])
+        answer = self.keeper.load(self._restored)
+        self.stream.restart()
+        self._snapshot = (0.0, None)
+        return answer
+
+    def close(self) -> None:
+        """Save the state; the last act."""
+        self.keeper.close(self.stream.estimator)
+
+    # --- parameters --------------------------------------------------------------------------------------------
+
+    def learned(self) -> Config:
+        """Return the configuration with what was learned, of one moment for questions in quick succession."""
+        taken, config = self._snapshot
+        now = time.monotonic()
+        if config is None or now - taken > SNAPSHOT_S:
+            config = self.stream.estimator.learned_config if self.stream.estimator else self.config
+        self._snapshot = (now, config)
+        return config
+
+    def _learned_changed(self) -> None:
+        self._snapshot = (0.0, None)
+        self.keeper.changed()
+
+    def check_change(self, config: Config, changed: Sequence[str]) -> None:
+        """Raise ConfigError where learned values do not fit the running model, judged all together."""
+        if not any(name in LEARNED for name in changed):
+            return
+        running = self.running()
+        for name in CHOSEN:
+            item = PARAMETERS[name]
+            if name in changed and item.of(config) != item.of(running.config):
+                raise ConfigError(
+                    f"{name}: all that was learned is in terms of the present {item.of(running.config)}; give another "
+                    "one in the parameter file of the next start, or let ~/reset choose anew"
+                )
+        running.model.checked(self._given(config, changed))
+
+    def apply_change(self, config: Config, changed: Sequence[str]) -> None:
+        """Let what was changed and acts at once act; `config` has passed `check_change`."""
+        if any(name in LEARNED for name in changed):
+            self.running().parameters = self._given(config, changed)
+            self.config = without_learned(config)
+            self._learned_changed()
+        else:
+            self.config = replace(config, learned=self.config.learned)
+        if self.stream.estimator is not None:
+            self.stream.estimator.retune(self.config)
+        self.stream.learn = self.config.model.adapt
+        groups = {name.partition(".")[0] for name in changed}
+        if groups & {"input", "sync"}:
+            self.stream.retune(self.config)
+        if "input" in groups:
+            self.outputs.set_axis(self.config.input.axis)
+        if "publish" in groups:
+            self.outputs.parameters_at_once()
+        if "state" in groups:
+            self.keeper.configure(self.config.state)
+
+    def _given(self, config: Config, changed: Sequence[str]) -> Parameters:
+        """Return the learned values after a change: those that were set, and the present others."""
+        present = self.running().parameters
+        values = {}
+        for name in changed:
+            if name in ARRAYS:
+                leaf = name.rpartition(".")[2]
+                ours, given = getattr(present, leaf), PARAMETERS[name].of(config)
+                if len(given) != ours.size:  # type: ignore[arg-type]
+                    raise ConfigError(
+                        f"{name}: {len(given)} values given, this model has {ours.size}"  # type: ignore[arg-type]
+                    )
+                values[leaf] = type(ours)(ours.shape, ours.dtype)
+                values[leaf][:] = given
+        return replace(present, **values)
+
+
+def _units_of(config: Config) -> str:
+    """Return range and unit of a configuration in words."""
+    low, high = config.reach or (0.0, 0.0)
+    return f"velocity range [{low:.5g}, {high:.5g}] m/s, force unit {config.unit_N:.5g} N"

@@ -1,0 +1,150 @@
+"""What diagnostics say of one estimate: its level, its words and its figures."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from friction_estimator.core.fit.band import Curve
+from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.ros.estimated_joint import STILL_NEEDED, EstimatedJoint
+from friction_estimator.ros.growth import Growth
+from friction_estimator.ros.load import Account
+from friction_estimator.ros.state_keeper import FAILURE
+
+FASTER = "use a smaller basis (basis.*, fir.order), a cheaper model.law, or fewer samples a second"
+
+FULL_SHARE = 0.8
+"""Share of the time beyond which the node is nearly too slow: any other load would make samples late or lost."""
+
+LEARNED_SHARE = 0.5
+"""Share of the prior variance that the data must have removed where the curve counts as learned."""
+
+
+class EstimatorStatus:
+    """Looks at one joint, once a second, and says how it is and what has happened since the last look.
+
+    Parameters
+    ----------
+    joint : to look at.
+    logger : of the node.
+    """
+
+    def __init__(self, joint: EstimatedJoint, logger: Any) -> None:
+        self._joint, self._logger = joint, logger
+        self._growth = Growth()
+
+    def look(
+        self,
+        samples: int,
+        span_s: float,
+        account: Account,
+        curve: Curve | None,
+        notes: Mapping[str, str],
+    ) -> tuple[bytes, str, dict[str, Any]]:
+        """Return level, words and values.
+
+        Parameters
+        ----------
+        samples : admitted since the last look, which was `span_s` ago.
+        account : of the time that the node used.
+        curve : the present static curve, at any velocities over its range.
+        notes : the node's own, beside the joint's.
+        """
+        stream = self._joint.stream
+        level, words = DiagnosticStatus.OK, "learning" if stream.learn else "predicting, not learning"
+        values: dict[str, Any] = {"samples per second": f"{samples / span_s:.1f}", "predictions": stream.predictions}
+        values["samples lost"] = stream.lost
+        values["samples waiting"] = stream.held_back
+        values["samples dropped while waiting"] = stream.dropped
+        values["samples dropped, too slow"] = stream.overrun
+        predicted = self._growth.of("predicted", stream.predictions)
+        # Where samples wait, what is used is all there is, and what would be needed is more.
+        share = account.busy * (max(1.0, samples / max(predicted, 1)) if stream.working_off else 1.0)
+        values["share of the sample period used (%)"] = f"{100.0 * share:.1f}"
+        values["arrival to prediction p50 (ms)"] = f"{account.p50_ms:.3f}"
+        values["arrival to prediction p99 (ms)"] = f"{account.p99_ms:.3f}"
+        values["arrival to prediction max (ms)"] = f"{account.longest_ms:.3f}"
+        if stream.estimator is not None:
+            health = stream.estimator.health
+            values |= _account(stream.estimator, curve)
+            if stream.predictions:
+                values["velocity seen (m/s)"] = _interval(stream.velocity_seen)
+            if health.held:
+                level = DiagnosticStatus.WARN
+                words = f"learning held since {health.held} samples: bad data, or friction has changed"
+            outside, grown = self._growth.of("outside", health.outside), self._growth.of("grown", health.grown)
+            if grown:
+                self._logger.info(f"speeds beyond the range: it is {_reach(stream.estimator)} m/s now")
+            elif outside:
+                level = DiagnosticStatus.WARN
+                words = f"velocity outside {_reach(stream.estimator)} m/s: nothing is learned there"
+            if self._growth.of("guarded", health.guarded):
+                level, words = DiagnosticStatus.WARN, "the divergence guard held a step back"
+            if stream.working_off:
+                level, words = DiagnosticStatus.WARN, f"catching up: {stream.held_back} samples wait for their turn"
+        if level == DiagnosticStatus.OK and share > FULL_SHARE:
+            level = DiagnosticStatus.WARN
+            words = f"nearly too slow: {100.0 * share:.0f} % of the sample period is used; {FASTER}"
+        file = self._joint.keeper.report()
+        values |= file
+        if FAILURE in file and level == DiagnosticStatus.OK:
+            level, words = DiagnosticStatus.WARN, f"{FAILURE}: {file[FAILURE]}"
+        for key, note in {**notes, **self._joint.notes}.items():
+            values[key] = note
+            if level == DiagnosticStatus.OK:
+                level, words = DiagnosticStatus.WARN, f"{key}: {note}"
+        if overrun := self._growth.of("overrun", stream.overrun):
+            level = DiagnosticStatus.ERROR
+            words = f"too slow: {overrun} samples dropped since the last look, {stream.overrun} in all; {FASTER}"
+        if stream.meeting:
+            level = DiagnosticStatus.WARN if stream.held_back else DiagnosticStatus.OK
+            words = f"first contact: {stream.held_back} samples wait, {STILL_NEEDED}"
+        elif stream.estimator is None:
+            level, words = DiagnosticStatus.ERROR, self._joint.notes.get("configuration", "no estimator")
+        return level, words, values
+
+
+def _account(estimator: Estimator, curve: Curve | None) -> dict[str, Any]:
+    """Return what the estimator says about itself."""
+    health, config = estimator.health, estimator.config
+    given, unit = config.basis.velocity_range, config.force_unit
+    values = {
+        "model": config.model.type,
+        "law": config.model.law,
+        "running error rms (N)": f"{health.error_rms_N:.6g}",
+        "learned from": health.learned,
+        "divergence guard": health.guarded,
+        "outliers clipped": health.clipped,
+        "alarms: learning held": health.alarmed,
+        "alarms: the former model went on": health.restored,
+        "learning held since (samples)": health.held,
+        "outside velocity range": health.outside,
+        "at standstill, not learned from": health.stood,
+        "velocity range (m/s)": _reach(estimator),
+        "velocity range is": "configured" if given else "learned: chosen at first contact, it grows",
+        "velocity range grown (times)": health.grown,
+        "force unit (N)": f"{config.unit_N:g}",
+        "force unit is": "configured" if unit else "learned: chosen at first contact",
+    }
+    return values | _learned_part(curve)
+
+
+def _learned_part(curve: Curve | None) -> dict[str, Any]:
+    """Return which part of the velocity range the data have decided on."""
+    key = "learned part of the velocity range"
+    if curve is None or curve.learned_share is None:
+        return {key: "not known: this law keeps no covariance"}
+    known = curve.learned_share > LEARNED_SHARE
+    if not known.any():
+        return {key: "0 %"}
+    where = curve.velocity_m_s[known]
+    return {key: f"{100.0 * known.mean():.0f} %", "learned velocities (m/s)": _interval((where[0], where[-1]))}
+
+
+def _reach(estimator: Estimator) -> str:
+    return _interval(estimator.model.basis.reach)
+
+
+def _interval(ends: tuple[float, float]) -> str:
+    return str([float(f"{end:.6g}") for end in ends])
