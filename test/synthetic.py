@@ -4,8 +4,6 @@ import numpy as np
 from scipy.signal import lfilter
 
 from friction_estimator.core.model.structure import Model
-from friction_estimator.core.online import workspace
-from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import chosen
@@ -57,9 +55,3 @@ def config_for(samples: Samples, **settings: object) -> Config:
     """Return settings (`__` for `.`) with range and units from the record."""
     config = Config.from_mapping({name.replace("__", "."): value for name, value in settings.items()})
     return chosen(config, samples.velocity_m_s, samples.friction_N)
-
-
-def covariance_of(estimator: Estimator) -> np.ndarray:
-    """Posterior covariance of rls's parameters, (n, n), normalised units, from the root that it keeps."""
-    work = estimator.work
-    return work.law[workspace.RESIDUAL_VARIANCE] * (work.root @ work.root.T)

@@ -175,6 +175,7 @@ def test_the_direction_that_was_never_driven_is_not_learned():
 def test_laws_without_covariance_have_a_band_from_their_errors(law):
     estimator = learned(record(), model__law=law)
     curve = estimator.curve()
+    assert estimator.covariance is None
     assert curve.learned_share is None
     assert np.all(np.isfinite(curve.low_N))
     seen = np.abs(curve.velocity_m_s) < 0.09

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from synthetic import MODELS, RATE, config_for, covariance_of, known_system, noisy, samples_of, sine
+from synthetic import MODELS, RATE, config_for, known_system, noisy, samples_of, sine
 
 from friction_estimator.core.fit.batch import fit_batch
 from friction_estimator.core.fit.moments import gather
@@ -155,7 +155,7 @@ def test_rls_is_the_batch_posterior_where_the_model_is_linear(model_type):
     deviation = np.sqrt(np.diag(fit.covariance))
     assert np.abs((estimator.parameters.theta - fit.parameters.theta) / deviation).max() < 1e-3
     np.testing.assert_allclose(
-        covariance_of(estimator) / np.outer(deviation, deviation),
+        estimator.covariance / np.outer(deviation, deviation),
         fit.covariance / np.outer(deviation, deviation),
         atol=1e-3,
     )

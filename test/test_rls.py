@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from synthetic import MODELS, RATE, config_for, covariance_of, known_system, noisy, samples_of, sine
+from synthetic import MODELS, RATE, config_for, known_system, noisy, samples_of, sine
 
 from friction_estimator.core.model.prior import Prior
 from friction_estimator.core.online import workspace
@@ -104,18 +104,18 @@ def test_the_prior_is_not_spent_by_standing_still_and_nothing_winds_up():
     samples = record(cycles=10)
     estimator = estimator_for(samples)
     estimator.run(samples)
-    before = covariance_of(estimator)
+    before = estimator.covariance
     rest = samples_of(np.zeros(10**5), 0.02 * np.random.default_rng(0).standard_normal(10**5), restart_at=())
     estimator.run(rest)
     assert estimator.health.alarmed == 0
     assert_never_spent(estimator)
-    gained = before - covariance_of(estimator)
+    gained = before - estimator.covariance
     assert np.linalg.eigvalsh(0.5 * (gained + gained.T)).min() > -1e-12
     # Standing still says nothing of the rest of the curve: it is known as well as before, and not better.
     velocity = np.linspace(0.01, 0.024, 15)
     theory = estimator.model.theory_at(velocity, 3e5, 50.0)
     _, gradient = estimator.model.steady_state(estimator.work.theta, velocity, theory)
-    variance = [np.einsum("ij,jk,ik->i", gradient, p, gradient) for p in (before, covariance_of(estimator))]
+    variance = [np.einsum("ij,jk,ik->i", gradient, p, gradient) for p in (before, estimator.covariance)]
     np.testing.assert_allclose(variance[1], variance[0], rtol=0.3)
 
 
@@ -213,4 +213,4 @@ def test_where_nothing_was_seen_nothing_is_learned():
     untouched = taps + np.setdiff1d(np.arange(model.basis.size), touched)
     assert untouched.size > 3
     np.testing.assert_array_equal(estimator.work.theta[untouched], 0.0)
-    np.testing.assert_allclose(np.diag(covariance_of(estimator))[untouched], np.diag(prior.covariance)[untouched])
+    np.testing.assert_allclose(np.diag(estimator.covariance)[untouched], np.diag(prior.covariance)[untouched])

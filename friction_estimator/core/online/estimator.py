@@ -257,6 +257,14 @@ class Estimator:
         values = self.parameters
         return self.config.updated({f"learned.{name}": getattr(values, name) for name in LEARNED})
 
+    @property
+    def covariance(self) -> Floats | None:
+        """Posterior covariance of the parameters, (n, n), normalised units; None for laws that keep none."""
+        if not self.law.keeps_covariance:
+            return None
+        root = self._predicting[1]
+        return np.asarray(self._prior.residual_variance * (root @ root.T))
+
     def curve(self, samples: Samples | None = None, velocity_m_s: Floats | None = None) -> Curve:
         """Return the static curve with its band.
 
