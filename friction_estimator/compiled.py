@@ -19,9 +19,12 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core import event
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator, _SourceFileBackedLocatorMixin
 from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps
+
+from friction_estimator.compiling import COMPILATION
 
 NAME = "friction_estimator"
 
@@ -123,6 +126,21 @@ def private_folder() -> Path | None:
         return None
     own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077
     return folder if own else None
+
+
+class _Reporter(event.Listener):  # type: ignore[misc]
+    """Tells `COMPILATION` when numba compiles: not when it loads what was compiled before."""
+
+    def on_start(self, event: Any) -> None:
+        """Take the begin of one function's compilation."""
+        COMPILATION.begin(kept=isinstance(event.data["dispatcher"]._cache, _CheckedCache))
+
+    def on_end(self, event: Any) -> None:
+        """Take its end; it comes after a failure too."""
+        COMPILATION.end()
+
+
+event.register("numba:compile", _Reporter())
 
 
 class _Locator(_SourceFileBackedLocatorMixin, _CacheLocator):  # type: ignore[misc]

@@ -12,8 +12,9 @@ PACKAGE = Path(friction_estimator.__file__).parent
 
 # room: rooms it may use
 ALLOWED = {
-    "compiled": set(),
-    "core": {"compiled"},
+    "compiling": set(),
+    "compiled": {"compiling"},
+    "core": {"compiled", "compiling"},
     "threads": set(),
     "streams": {"core"},
     "output": {"core"},
@@ -27,6 +28,7 @@ ALLOWED = {
     "report": {"core", "effects", "rig", "diagnosis", "paper"},
     "ros": {"core", "threads", "streams", "output", "documents", "effects", "bag", "report", "diagnosis", "rig"},
     "cli": {
+        "compiling",
         "core",
         "threads",
         "streams",

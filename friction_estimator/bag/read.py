@@ -132,7 +132,7 @@ def read_recording(
     path : ROS 2 recording (folder with metadata.yaml, .mcap or .db3 file) or ROS 1 .bag file.
     config : axis, joint and mode; the defaults unless given.
     topics : topic by input where the user names it (see `topics.assign`).
-    progress : is told of every batch read.
+    progress : is told of every batch read, and of the total before the first.
 
     Raises
     ------
@@ -145,6 +145,9 @@ def read_recording(
         chosen = assign(where, source.topics, topics or {}, config.mode, config.velocity_from, probe_of(source, config))
         builders = {name: _Builder(name, topic, config, source.ros1) for name, topic in chosen.topics.items()}
         counts = {item.topic.name: item.topic.count for item in builders.values()}
+        total = sum(counts.values())
+        if progress is not None:
+            progress(0, total)
         for topic_name, log_time_ns, messages in source.batches(counts):
             for builder in builders.values():
                 if builder.topic.name == topic_name:
@@ -157,7 +160,7 @@ def read_recording(
                             "record it again, or leave the topic out"
                         ) from error
             if progress is not None:
-                progress(len(messages), sum(counts.values()))
+                progress(len(messages), total)
         notes = [*source.notes, *chosen.notes]
         streams: dict[str, Stream] = {}
         failures: dict[str, FrictionEstimatorError] = {}

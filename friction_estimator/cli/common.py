@@ -5,13 +5,14 @@ import json
 import math
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
+from friction_estimator.cli.progress import progress as progress
 from friction_estimator.cli.terminal import EXIT_CODES, Parser, say, say_document, warn
 from friction_estimator.core.errors import InputError
 from friction_estimator.core.settings.config import Config, retired
@@ -23,9 +24,6 @@ from friction_estimator.output.staging import Refusal
 
 INPUTS = ("velocity", "friction", "pressure", "temperature", "position", "joint_states")
 """What `--topic` can name."""
-
-LONGEST_LABEL = 60
-"""Characters before a progress bar."""
 
 _RECORDING_SUFFIXES = {".mcap", ".db3", ".bag", ".zstd", ".csv", ".yaml"}
 
@@ -235,34 +233,3 @@ def _plain(value: object) -> object:
     if isinstance(value, Sequence | set | frozenset):
         return [_plain(item) for item in value]
     raise TypeError(f"{type(value).__name__} has no JSON form")
-
-
-class Advance(Protocol):
-    """Takes the amount of work just done, and the amount there is in all where that is known only now."""
-
-    def __call__(self, done: int, total: int | None = None) -> None:
-        """Advance by `done`."""
-
-
-@contextmanager
-def progress(label: str, total: int | None = None, unit: str = "samples") -> Iterator[Advance]:
-    """Yield an `Advance`; it moves a bar on a terminal and does nothing in a pipe."""
-    from tqdm import tqdm  # noqa: PLC0415 - `--help` needs none
-
-    silent = not sys.stderr.isatty()
-    with tqdm(
-        total=total,
-        desc=shown(label, LONGEST_LABEL),
-        unit=f" {unit}",
-        unit_scale=True,
-        leave=False,
-        file=sys.stderr,
-        disable=silent,
-    ) as bar:
-
-        def advance(done: int, total: int | None = None) -> None:
-            if total is not None:
-                bar.total = total
-            bar.update(done)
-
-        yield advance

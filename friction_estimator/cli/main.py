@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from friction_estimator import __version__
+from friction_estimator.cli.progress import compilation_told
 from friction_estimator.cli.terminal import EXIT_CODES, PROGRAM, Parser, guarded
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.threads import one_thread
@@ -65,7 +66,8 @@ def _run(chosen: str | None, arguments: list[str]) -> int:
     if module is None or args.verb is None:
         parser.error(f"no verb given: choose one of {', '.join(VERBS)}")
     try:
-        return int(module.run(args))
+        with compilation_told():
+            return int(module.run(args))
     except ConfigError as error:
         given = getattr(args, "config", None)
         if given and given not in str(error):  # it shows only where a model is built

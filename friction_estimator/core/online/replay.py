@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from friction_estimator.compiling import COMPILATION
 from friction_estimator.core import metrics
 from friction_estimator.core.errors import ConfigError, UnanswerableError
 from friction_estimator.core.fit.band import POINTS, Curve
@@ -66,7 +67,7 @@ class Replay:
     learned : (n,), where the estimator was allowed to learn.
     snapshot_index : (k,) and snapshots : the parameters after the sample of that index.
     health : the estimator's own counters.
-    seconds : wall-clock time of prediction and learning.
+    seconds : wall-clock time of prediction and learning, without that of a first compilation.
     starts : index of the first sample of each recording.
     curve : the static curve learned, with its 95 % band, over the velocities learned.
     outlook : the same curve over `OUTLOOK` times those velocities, and all others that occurred.
@@ -245,9 +246,9 @@ def replay(
     indices, snapshots = [], []
     seconds = 0.0
     for part in _blocks(n, starts):
-        begin = time.perf_counter()
+        begin = time.perf_counter() - COMPILATION.seconds
         predicted[part] = estimator.run(samples[part], learn[part])
-        seconds += time.perf_counter() - begin
+        seconds += time.perf_counter() - COMPILATION.seconds - begin
         indices.append(part.stop - 1)
         snapshots.append(estimator.parameters)
         advance(part.stop - part.start)
