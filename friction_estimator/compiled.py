@@ -135,7 +135,7 @@ class _Reporter(event.Listener):  # type: ignore[misc]
         """Take the begin of one function's compilation."""
         COMPILATION.begin(kept=isinstance(event.data["dispatcher"]._cache, _CheckedCache))
 
-    def on_end(self, event: Any) -> None:
+    def on_end(self, event: Any) -> None:  # noqa: ARG002 - numba's signature
         """Take its end; it comes after a failure too."""
         COMPILATION.end()
 

@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from friction_estimator import __version__
 from friction_estimator.cli import common, main, terminal
 from friction_estimator.cli.main import VERBS
+from friction_estimator.cli.progress import progress
 from friction_estimator.core.errors import ConfigError, InputError, UnanswerableError, about
 from friction_estimator.core.settings.config import Config
 
@@ -370,7 +371,7 @@ class Screen(io.StringIO):
 def test_a_bar_is_drawn_on_a_terminal_only(monkeypatch, terminal):
     screen = Screen(terminal)
     monkeypatch.setattr(sys, "stderr", screen)
-    with common.progress("reading") as advance:
+    with progress("reading") as advance:
         for _ in range(3):
             advance(10, total=30)
             time.sleep(0)

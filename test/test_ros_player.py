@@ -1,6 +1,7 @@
 """The player loses nothing at either end, keeps the recorded pace, and says what it cannot do."""
 
 import sys
+import threading
 import time
 
 import pytest
@@ -96,6 +97,97 @@ def test_a_loop_keeps_what_was_learned(graph):
     assert errors[1] < 0.5 * errors[0]
     assert errors[2] < 1.1 * errors[1]
     assert node.stop() == 0
+
+
+def test_services_pause_and_step(graph):
+    """Names as rosbag2's player has them; without its types they are triggers, and what they cannot say is told."""
+    velocity = graph.hear(TwistStamped, "/velocity", raw=True)
+    player = play(graph, "--topics", "/velocity", "--start-paused")
+    player.says("rosbag2_interfaces is not installed, so there is no is_paused, set_rate, get_rate, seek")
+
+    def ask(name):
+        return graph.call(Trigger, f"/rosbag2_player/{name}")
+
+    await_(lambda: ask("play_next").success, "a first message, once somebody listens")
+    assert ask("play_next").success
+    wanted = recorded("/velocity")
+    await_(lambda: len(velocity) == 2, "two steps")
+    assert ask("resume").success
+    await_(lambda: len(velocity) > 20, "motion")
+    refused = ask("play_next")
+    assert not refused.success
+    assert "no next message" in refused.message
+    assert ask("toggle_paused").message == "paused"
+    count = len(velocity)
+    assert ask("play_next").success
+    await_(lambda: len(velocity) > count, "a step")
+    assert ask("stop").success
+    assert player.popen.wait(LIMIT_S) == 0, player.output()
+    assert list(map(bytes, velocity)) == wanted[: len(velocity)]
+
+
+def test_names_and_types_are_those_of_rosbag2():
+    """As rosbag2_transport's player creates them (player.cpp, create_control_services); its types check themselves."""
+    from friction_estimator.ros.playback_clock import PlaybackClock
+    from friction_estimator.ros.playback_control import PlaybackControl
+    from friction_estimator.ros.player_services import NODE_NAME, REQUESTS, TRIGGERS
+
+    assert NODE_NAME == "rosbag2_player"
+    for name, (kind, _) in REQUESTS.items():
+        assert kind == "".join(word.capitalize() for word in name.split("_"))
+    assert set(TRIGGERS) < set(REQUESTS)
+    types = pytest.importorskip("rosbag2_interfaces.srv", reason="rosbag2_interfaces is not installed")
+    control = PlaybackControl(PlaybackClock(0, 1.0), 0, NS)
+    for kind, answer in REQUESTS.values():
+        service = getattr(types, kind)
+        answer(control, service.Request(), service.Response())
+
+
+def test_loop_clock_pause_and_jump_together(graph, monkeypatch):
+    """Every message is as recorded, in order between jumps, and no stamp is ahead of the clock's grid."""
+    from rosgraph_msgs.msg import Clock
+
+    from friction_estimator.ros.player import Playback, Player
+
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(graph.domain))
+    heard = graph.hear(WrenchStamped, "/friction", raw=True)
+    clock = graph.hear(Clock, "/clock")
+    with Source(DEMO) as source, Player(
+        source, Playback(rate=5.0, duration_s=2.0, loop=True, clock_hz=100.0, topics=["/friction"]), lambda _: None
+    ) as player:  # fmt: skip
+        begin_ns = source.span_ns[0]
+        thread = threading.Thread(target=player.run)
+        thread.start()
+        try:
+            await_(lambda: len(heard) > 450, "the second round")
+            player.control.pause()
+            assert player.control.seek(begin_ns + NS)
+            await_(lambda: clock and time_of(clock[-1]) == begin_ns + NS, "the clock at the jump")
+            count = len(heard)
+            assert player.control.play_next()
+            assert player.control.play_next()
+            await_(lambda: len(heard) == count + 2, "two steps")
+            player.control.resume()
+            await_(lambda: len(heard) > count + 500, "a round more")
+        finally:
+            player.control.stop()
+            thread.join(LIMIT_S)
+    wanted = recorded("/friction")[:400]
+    assert bytes(heard[count]) == wanted[200]
+    index = {raw: k for k, raw in enumerate(wanted)}
+    order = np.array([index[bytes(raw)] for raw in heard])
+    jumps = np.flatnonzero(np.diff(order) != 1)
+    landed = [int(order[k + 1]) for k in jumps]
+    assert landed.count(200) == 1
+    assert set(landed) == {0, 200}  # rounds of the loop, and the one jump
+    times = np.array([time_of(message) for message in clock])
+    assert np.count_nonzero(np.diff(times) < 0) <= len(jumps)
+    assert begin_ns <= times.min()
+    assert times.max() < begin_ns + 2 * NS
+
+
+def time_of(message):
+    return message.clock.sec * NS + message.clock.nanosec
 
 
 @pytest.mark.parametrize(

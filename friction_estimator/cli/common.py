@@ -1,4 +1,4 @@
-"""What the verbs share: options, JSON, the progress bar."""
+"""What the verbs share: options, JSON, outputs."""
 
 import argparse
 import json
@@ -12,12 +12,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import TypeAlias
 
-from friction_estimator.cli.progress import progress as progress
 from friction_estimator.cli.terminal import EXIT_CODES, Parser, say, say_document, warn
 from friction_estimator.core.errors import InputError
 from friction_estimator.core.settings.config import Config, retired
 from friction_estimator.core.settings.joints import of_joint
-from friction_estimator.core.text import shown
 from friction_estimator.documents.configuration import config_of, read_parameters
 from friction_estimator.output.run import RunOutput
 from friction_estimator.output.staging import Refusal

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from friction_estimator.cli import common, joints
+from friction_estimator.cli.progress import progress
 from friction_estimator.core.errors import UnanswerableError, about
 from friction_estimator.core.sample import NS_PER_S, Samples
 from friction_estimator.core.settings.config import Config
@@ -67,7 +68,7 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
     loaded = [_load(bag, args, config, output) for bag in args.bags]
     recordings = [samples for samples, _ in loaded]
     faults = {fault.name: fault for _, found in loaded for fault in found}
-    with about(", ".join(args.bags)), common.progress("diagnosing", 100, unit="%") as advance:
+    with about(", ".join(args.bags)), progress("diagnosing", 100, unit="%") as advance:
         shown = 0
 
         def report(_stage: str, part: float) -> None:
@@ -113,7 +114,7 @@ def _load(bag: str, args: argparse.Namespace, config: Config, output: common.Out
     from friction_estimator.bag.samples import to_samples  # noqa: PLC0415
     from friction_estimator.diagnosis import streams  # noqa: PLC0415
 
-    with about(bag), common.progress(f"reading {bag}", unit="messages") as advance:
+    with about(bag), progress(f"reading {bag}", unit="messages") as advance:
         recording = read_recording(bag, config.input, common.topics_from(args), advance)
     velocity = recording.streams.get("velocity") or recording.streams["position"]
     friction = recording.streams["friction"]

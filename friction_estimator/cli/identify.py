@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from friction_estimator.cli import common, joints, loads, side_by_side
+from friction_estimator.cli.progress import progress
 from friction_estimator.cli.recorded import Session, add_run_options, load, outputs, tell_units
 from friction_estimator.cli.replay import judged, summarise
 from friction_estimator.core.errors import ConfigError, about
@@ -58,7 +59,7 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
         config = chosen(session.config, samples.velocity_m_s[learned], friction_alone(session.config, samples)[learned])
     tell_units(output, session.config, config)
     begin = time.perf_counter()
-    with common.progress("fitting", len(samples)) as advance:
+    with progress("fitting", len(samples)) as advance:
         in_motion = learned & ~standstill(samples, config.velocity_scale)
         fit = fit_batch(samples, config, extension_from_config(config), use=in_motion)
         advance(len(samples))
@@ -143,7 +144,7 @@ def _online(
     """Return for each law its a priori error, and that error over the batch fit's on the same samples."""
     samples = session.samples
     rows = {}
-    with common.progress("online laws", len(laws) * len(samples)) as advance:
+    with progress("online laws", len(laws) * len(samples)) as advance:
         for law in laws:
             config = session.config.updated({"model.law": law})
             extension = extension_from_config(config)

@@ -3,7 +3,8 @@
 import argparse
 from dataclasses import asdict
 
-from friction_estimator.cli.common import Output, Subparsers, add_json_option, add_verb, paths_read, progress
+from friction_estimator.cli.common import Output, Subparsers, add_json_option, add_verb, paths_read
+from friction_estimator.cli.progress import progress
 from friction_estimator.cli.terminal import warn
 from friction_estimator.core.errors import InputError
 

@@ -5,6 +5,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from friction_estimator.cli import common, info_joints, joints
+from friction_estimator.cli.progress import progress
 from friction_estimator.core.errors import FrictionEstimatorError, InputError, UnanswerableError, about, sentence
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ def _run(args: argparse.Namespace, output: common.Output) -> int:
     config = common.config_from(args)
     if args.joint == joints.ALL:
         config = config.updated({"input.joint": ""})
-    with Source(args.bag) as source, common.progress("looking for joints", unit="messages") as advance:
+    with Source(args.bag) as source, progress("looking for joints", unit="messages") as advance:
         topics = source.topics
         joint_topics = survey(source, progress=advance)
     result: dict[str, Any] = {"schema": SCHEMA, "bag": args.bag, "topics": [], "inputs": {}, "problem": None}
@@ -75,7 +76,7 @@ def _run(args: argparse.Namespace, output: common.Output) -> int:
     recording: Recording | None = None
     failure: FrictionEstimatorError | None = None
     try:
-        with about(args.bag), common.progress("reading", unit="messages") as advance:
+        with about(args.bag), progress("reading", unit="messages") as advance:
             recording = read_recording(args.bag, config.input, common.topics_from(args), advance)
         for name, stream in recording.streams.items():
             inputs.setdefault(stream.topic, []).append(name)

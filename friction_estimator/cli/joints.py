@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from friction_estimator.cli import common
+from friction_estimator.cli.progress import progress
 from friction_estimator.core.errors import FrictionEstimatorError, InputError, UnanswerableError, sentence
 from friction_estimator.core.settings.joints import plain_names
 from friction_estimator.core.text import LONGEST_NAME, shown
@@ -166,7 +167,7 @@ def joints_of(args: argparse.Namespace, warned: Callable[[str], None]) -> list[s
     config = common.config_from(argparse.Namespace(**{**vars(args), "joint": None}), warned=warned)
     names: dict[str, None] = {}
     for bag in args.bags:
-        with common.progress("looking for joints", unit="messages") as advance:
+        with progress("looking for joints", unit="messages") as advance:
             names |= dict.fromkeys(joint_names(bag, config.input, topics, advance))
     return list(names)
 

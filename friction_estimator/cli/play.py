@@ -1,19 +1,32 @@
 """`play`: publish a recording to the live node, where `ros2 bag play` is not installed."""
 
 import argparse
+import shutil
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import Any
+from contextlib import contextmanager, nullcontext
+from typing import TYPE_CHECKING, Any
 
 from friction_estimator.bag.source import Source
 from friction_estimator.cli import common
-from friction_estimator.cli.terminal import EXIT_CODES, Parser, guarded, say
+from friction_estimator.cli.keys import Keys, keys
+from friction_estimator.cli.terminal import EXIT_CODES, Parser, draw, guarded, say
 from friction_estimator.core.errors import InputError
+
+if TYPE_CHECKING:
+    from friction_estimator.ros.player import Player
 
 INTERRUPTED = 130
 """Exit code of a playback that was stopped before its end."""
+
+REDRAW_S = 0.1
+
+FASTER = 1.1
+"""A key changes the rate by this factor."""
+
+KEYS = "space pause, n or right next message, + - rate"
 
 
 def add_parser(subparsers: common.Subparsers) -> None:
@@ -23,7 +36,9 @@ def add_parser(subparsers: common.Subparsers) -> None:
         "play",
         "publish a recording to the live node",
         description="Publish a recording on its topics, reliably: the first message waits for the subscribers, the end "
-        "for their acknowledgement. Needs rclpy (a ROS 2 installation, or its wheels).",
+        "for their acknowledgement. Needs rclpy (a ROS 2 installation, or its wheels). Use `ros2 bag play` where you "
+        f"have it: it knows more. Keys on a terminal: {KEYS}. Node and services are named as rosbag2's: "
+        "/rosbag2_player/pause and so on.",
         example="friction_estimator play bags/demo --rate 2 --remap /velocity:=/rig/velocity",
     )
     add_options(parser)
@@ -35,6 +50,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rate", "-r", type=float, default=1.0, metavar="R", help="speed (default: 1)")
     parser.add_argument("--start-offset", type=float, default=0.0, metavar="S", help="begin S seconds into it")
     parser.add_argument("--duration", type=float, metavar="S", help="play S seconds of it (default: to the end)")
+    parser.add_argument("--start-paused", "-p", action="store_true", help="wait for the space key, or for a service")
+    parser.add_argument("--disable-keyboard-controls", action="store_true", help="leave the terminal's keys alone")
+    parser.add_argument("--quiet", "-q", action="store_true", help="say nothing but failures, no bar, no keys")
     parser.add_argument("--loop", "-l", action="store_true", help="begin again at the end, until stopped")
     parser.add_argument(
         "--clock", type=float, nargs="?", const=40.0, default=0.0, metavar="HZ", help="publish /clock (40 Hz if no HZ)"
@@ -67,16 +85,99 @@ def run(args: argparse.Namespace, ros_arguments: tuple[str, ...] = ()) -> int:
         remap=_remap(args.remap),
         topics=args.topics,
         wait_s=args.wait,
+        start_paused=args.start_paused,
     )
+    screen, signalled = Screen(args.quiet), threading.Event()
+    pressed = nullcontext() if args.disable_keyboard_controls or args.quiet else keys()
+    with Source(args.bag) as source, Player(source, playback, screen.say, ros_arguments) as player:
 
-    def tell(line: str) -> None:
-        say(f"play: {line}", flush=True)
+        def stop() -> None:
+            signalled.set()
+            player.control.stop()
 
-    with Source(args.bag) as source, Player(source, playback, tell, ros_arguments) as player:
-        with _stopped_by_signals(player.stop):
+        with _stopped_by_signals(stop), pressed as terminal, screen.showing(player, terminal):
             player.run()
-        # A loop has no other end than this.
-        return INTERRUPTED if player.stopped and not args.loop else 0
+    # A loop has no other end than this.
+    return INTERRUPTED if signalled.is_set() and not args.loop else 0
+
+
+class Screen:
+    """The terminal during a playback: a bar with the position in the recording, and its keys; or nothing at all."""
+
+    def __init__(self, quiet: bool) -> None:
+        self._quiet = quiet
+        self._drawn = ""
+        self._lock = threading.Lock()
+
+    def say(self, line: str) -> None:
+        """Print a line; the bar makes room."""
+        if self._quiet:
+            return
+        with self._lock:
+            self._erase()
+            say(f"play: {line}", flush=True)
+
+    @contextmanager
+    def showing(self, player: "Player", terminal: Keys | None) -> Iterator[None]:
+        """Draw the bar and obey the keys for as long as the block lasts; in a pipe there is neither."""
+        if self._quiet or (terminal is None and not sys.stderr.isatty()):
+            yield
+            return
+        ended = threading.Event()
+        thread = threading.Thread(target=self._serve, args=(player, terminal, ended), daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            thread.join()
+            self._erase()
+
+    def _serve(self, player: "Player", terminal: Keys | None, ended: threading.Event) -> None:
+        while not ended.is_set():
+            if terminal is None:
+                ended.wait(REDRAW_S)
+            elif key := terminal.read(REDRAW_S):
+                obey(key, player)
+            if sys.stderr.isatty() and player.control.begun:
+                self._draw(player, terminal is not None)
+
+    def _draw(self, player: "Player", with_keys: bool) -> None:
+        from tqdm import tqdm  # noqa: PLC0415 - `--help` needs none
+
+        position_s, end_s = player.span_s
+        control = player.control
+        state = "paused" if control.paused else "playing"
+        place = f"{position_s:.{3 if control.paused else 1}f} of {end_s:.1f} s"
+        line = tqdm.format_meter(
+            position_s,
+            end_s,
+            0.0,
+            ncols=shutil.get_terminal_size().columns - 1,
+            bar_format=f"{state} {control.rate:.3g}x {{bar}} {place}" + (f"  [{KEYS}]" if with_keys else ""),
+        )
+        with self._lock:
+            if line != self._drawn:
+                draw(line)
+                self._drawn = line
+
+    def _erase(self) -> None:
+        if self._drawn:
+            draw("")
+            self._drawn = ""
+
+
+def obey(key: str, player: "Player") -> None:
+    """Do what a key asks of a playback; keys without a meaning do nothing."""
+    control = player.control
+    if key == " ":
+        control.toggle_paused()
+    elif key in ("n", "right"):
+        control.play_next()
+    elif key in ("+", "=", "up"):
+        control.set_rate(control.rate * FASTER)
+    elif key in ("-", "down"):
+        control.set_rate(control.rate / FASTER)
 
 
 @contextmanager

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Protocol
 
+from friction_estimator.cli.terminal import draw
 from friction_estimator.compiling import COMPILATION
 from friction_estimator.core.text import shown
 
@@ -25,8 +26,8 @@ WORTH_TELLING_S = 0.3
 """What takes less is over before it is read."""
 
 USUAL_S = 20
-"""Processor time that a first `replay` spent on its loops: 22 s on a 2 GHz server core, numba 0.68. A quiet machine takes
-about as long; whoever waits sees by the seconds beside it what this one makes of it."""
+"""Processor time that a first `replay` spent on its loops: 22 s on a 2 GHz server core, numba 0.68. A quiet machine
+takes about as long; whoever waits sees by the seconds beside it what this one makes of it."""
 
 
 SETTLED_S = 0.5
@@ -42,8 +43,8 @@ class Advance(Protocol):
         """Advance by `done`."""
 
 
-_open: "list[tqdm[Any]]" = []
-"""Bars on the terminal: compilation is taken out of their time."""
+_open: "dict[tqdm[Any], float]" = {}
+"""Bars on the terminal, and how much of the compilation is taken out of their time, s."""
 
 
 @contextmanager
@@ -79,18 +80,17 @@ def progress(label: str, total: int | None = None, unit: str = "samples") -> Ite
                 bar.bar_format = None
             bar.update(done)
 
-        bar.compiled_s = COMPILATION.seconds
-        _open.append(bar)
+        _open[bar] = COMPILATION.seconds
         try:
             yield advance
         finally:
-            _open.remove(bar)
+            del _open[bar]
 
 
 def _without_compilation(bar: "tqdm[Any]") -> None:
     """Let the bar's clock start later by what was compiled since it was last asked, so that no rate counts it."""
     seconds = COMPILATION.seconds
-    lost, bar.compiled_s = seconds - bar.compiled_s, seconds
+    lost, _open[bar] = seconds - _open[bar], seconds
     bar.start_t += lost
     bar.last_print_t += lost
 
@@ -119,28 +119,24 @@ class _Line:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._drawn = False
+        self._drawn = ""
 
     def tell(self, ended: threading.Event) -> None:
         """Draw it again and again while something is compiled; to be run beside that."""
         while not ended.wait(REDRAW_S):
             once = f"compiling once (about {USUAL_S} s, kept for later runs)" if COMPILATION.kept else "compiling"
             with self._lock:
-                if COMPILATION.active and COMPILATION.seconds > WORTH_TELLING_S:
-                    _replace_line(f"{once}: {COMPILATION.seconds:.0f} s")
-                    self._drawn = True
+                line = f"{once}: {COMPILATION.seconds:.0f} s"
+                if COMPILATION.active and COMPILATION.seconds > WORTH_TELLING_S and line != self._drawn:
+                    draw(line)
+                    self._drawn = line
 
     def erase(self) -> None:
         """Remove it before anything else is printed; what stood there comes back."""
         with self._lock:
             if self._drawn:
-                self._drawn = False
-                _replace_line("")
-                for bar in _open:
+                self._drawn = ""
+                draw("")
+                for bar in list(_open):
                     _without_compilation(bar)
                     bar.refresh()
-
-
-def _replace_line(text: str) -> None:
-    sys.stderr.write(f"\r\x1b[2K{text}")
-    sys.stderr.flush()

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 from friction_estimator.bag.read import Recording, read_recording
 from friction_estimator.bag.samples import Admitted, to_samples
 from friction_estimator.cli import common, joints
+from friction_estimator.cli.progress import progress
 from friction_estimator.core.errors import about
 from friction_estimator.core.sample import Samples, joined
 from friction_estimator.core.settings.config import PARAMETERS, Config
@@ -165,7 +166,7 @@ def _read(
     bag: str, args: argparse.Namespace, config: Config, output: common.Outlet, heading: str
 ) -> tuple[Recording, Admitted]:
     """Read one recording; say what it holds, under its name where `heading` says what it is for."""
-    with about(bag), common.progress("reading", unit="messages") as advance:
+    with about(bag), progress("reading", unit="messages") as advance:
         recording = read_recording(bag, config.input, common.topics_from(args), advance)
         admitted = to_samples(recording, config)
     if heading:

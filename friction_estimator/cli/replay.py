@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 from friction_estimator.cli import common, joints, loads, side_by_side
+from friction_estimator.cli.progress import progress
 from friction_estimator.cli.recorded import Described, Session, add_run_options, load, outputs, tell_units
 from friction_estimator.core.errors import about
 from friction_estimator.core.online.replay import Replay, replay
@@ -38,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
     session = load(args, output, {"model.type": args.model, "model.law": args.law})
-    with about(", ".join(session.bags)), common.progress("replaying", len(session.samples)) as advance:
+    with about(", ".join(session.bags)), progress("replaying", len(session.samples)) as advance:
         result = replay(
             session.samples,
             session.config,
@@ -70,7 +71,7 @@ def judged(session: Session, result: Replay) -> Replay:
 
     Raises UnanswerableError where a recording cannot judge.
     """
-    with common.progress("judging", sum(len(other.samples) for other in session.others)) as advance:
+    with progress("judging", sum(len(other.samples) for other in session.others)) as advance:
         others = []
         for other in session.others:
             extension = extension_from_config(session.config)

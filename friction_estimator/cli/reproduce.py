@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from friction_estimator.cli import common
+from friction_estimator.cli.progress import progress
 from friction_estimator.cli.workers import Task, run_tasks
 from friction_estimator.core.errors import InputError
 from friction_estimator.output.layout import Layout
@@ -60,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
 def _run(args: argparse.Namespace, output: common.Output) -> int:
     plan = Plan(seeds=args.seeds, seconds=args.seconds)
     tasks = plan_tasks(plan)
-    with common.progress("reproducing", len(tasks), "tasks") as advance:
+    with progress("reproducing", len(tasks), "tasks") as advance:
         results = run_tasks(tasks, advance)
     study, claims = judge(plan, results)
     for claim in claims:

@@ -7,6 +7,7 @@ import numpy as np
 
 from friction_estimator.bag.write import STORAGES, TOPICS, RecordingWriter, refusal_at, storage_of, written
 from friction_estimator.cli import common
+from friction_estimator.cli.progress import progress
 from friction_estimator.cli.terminal import say_document, warn
 from friction_estimator.core.errors import InputError
 from friction_estimator.core.metrics import nrmse
@@ -146,7 +147,7 @@ def _run(args: argparse.Namespace, output: common.Output, storage: str) -> int:
     run_ = simulate(scenario, _identified(args, config, scenario))
     _warn_outside(config, run_)
     with (
-        common.progress("writing", unit="messages") as advance,
+        progress("writing", unit="messages") as advance,
         output.part() as part,
         written(part, storage, advance) as writer,
     ):

@@ -11,7 +11,7 @@ import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, NoReturn
 
 from friction_estimator.core.text import LONGEST, LONGEST_PARAGRAPH, shown
@@ -59,6 +59,13 @@ def say_document(text: str) -> None:
     """Print a document (JSON, an export) on stdout as it is: whoever made it has made it safe."""
     with _naming_stdout():
         print(text)
+
+
+def draw(text: str) -> None:
+    """Put this in place of the line where the cursor is, on a terminal's stderr; "" empties it."""
+    with suppress(OSError, ValueError):  # it was closed: nobody can be told
+        sys.stderr.write(f"\r\x1b[2K{shown(text)}")
+        sys.stderr.flush()
 
 
 def warn(text: str) -> None:

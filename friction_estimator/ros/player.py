@@ -1,7 +1,8 @@
 """Publish a recording, where `ros2 bag play` is not installed, without losing a message at either end.
 
 Messages go out as the bytes that were recorded, reliably. The first one waits until every subscriber that the graph
-knows of is matched, the last one until all subscribers have acknowledged everything.
+knows of is matched, the last one until all subscribers have acknowledged everything. Its name and services are those of
+rosbag2's player (`player_services`).
 """
 
 import time
@@ -20,6 +21,9 @@ from rosgraph_msgs.msg import Clock
 from friction_estimator.bag.source import Source, Topic
 from friction_estimator.core.errors import InputError, UnanswerableError
 from friction_estimator.core.sample import NS_PER_S
+from friction_estimator.ros.playback_clock import PlaybackClock
+from friction_estimator.ros.playback_control import FASTEST, PlaybackControl, Turn
+from friction_estimator.ros.player_services import NODE_NAME, PlayerServices
 
 DEPTH = 10_000
 """Messages kept a topic until they are acknowledged."""
@@ -29,9 +33,6 @@ SETTLED_S = 3.5
 on a busy machine one whose first announcements went unheard appears only then."""
 
 ACKNOWLEDGE_S = 30.0
-
-NAP_S = 0.1
-"""Longest sleep at a time: bounds how late a wish to stop is noticed."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,7 @@ class Playback:
     remap : new name by recorded topic name.
     topics : topics to play; empty: all.
     wait_s : longest wait for subscribers; 0 plays to nobody too.
+    start_paused : wait for `resume` or single steps before the first message.
     """
 
     rate: float = 1.0
@@ -57,9 +59,10 @@ class Playback:
     remap: Mapping[str, str] = field(default_factory=dict)
     topics: Sequence[str] = ()
     wait_s: float = 30.0
+    start_paused: bool = False
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.rate <= 1e6:
+        if not 0.0 < self.rate <= FASTEST:
             raise InputError(f"--rate {self.rate:g}: give a speed above 0")
         if self.start_offset_s < 0.0 or (self.duration_s is not None and self.duration_s <= 0.0):
             raise InputError("--start-offset must not be negative, and --duration must be above 0")
@@ -77,6 +80,10 @@ class Player:
     say : takes lines for the user.
     ros_arguments : handed to rclpy (`--ros-args ...`).
 
+    Attributes
+    ----------
+    control : pause, rate, jumps and steps, for any thread.
+
     Raises
     ------
     InputError : a ROS 1 recording, an unknown topic, an offset beyond the end.
@@ -91,7 +98,6 @@ class Player:
                 f"{source.path} is a ROS 1 recording; convert it first: rosbags-convert --src ... --dst ..."
             )
         self._source, self._playback, self._say = source, playback, say
-        self._stopping = False
         first, last = source.span_ns
         self._start_ns = first + round(playback.start_offset_s * NS_PER_S)
         if self._start_ns >= last:
@@ -106,12 +112,23 @@ class Player:
         rclpy.init(
             args=["player", *ros_arguments], context=self._context, signal_handler_options=SignalHandlerOptions.NO
         )
-        self._node = rclpy.create_node("player", context=self._context)
+        self._node = rclpy.create_node(NODE_NAME, context=self._context)
         qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
         self._publishers: dict[str, Publisher] = {
             name: self._node.create_publisher(kind, playback.remap.get(name, name), qos) for name, kind in kinds.items()
         }
         self._clock = self._node.create_publisher(Clock, "/clock", qos) if playback.clock_hz else None
+        self.control = PlaybackControl(
+            PlaybackClock(self._start_ns, playback.rate),
+            self._start_ns,
+            self._end_ns,
+            loop=playback.loop,
+            tick_hz=playback.clock_hz,
+            tell_time=self._tell_time,
+        )
+        if playback.start_paused:
+            self.control.pause()
+        self._services = PlayerServices(self._node, self.control)
 
     def __enter__(self) -> "Player":
         return self
@@ -119,6 +136,7 @@ class Player:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._services.close()
         self._node.destroy_node()
         self._context.try_shutdown()
 
@@ -143,62 +161,43 @@ class Player:
                 raise InputError(f"{self._source.path} has no topic {name}: it has {', '.join(topics) or 'none'}")
         return [topics[name] for name in self._playback.topics or topics]
 
-    def stop(self) -> None:
-        """Let `run` end at the next message; may be called by a signal handler.
-
-        A flag, not an exception: one that is raised while a message is being published or an object is cleared away
-        can get lost there.
-        """
-        self._stopping = True
-
     @property
-    def stopped(self) -> bool:
-        """Whether `stop` was called."""
-        return self._stopping
+    def span_s(self) -> tuple[float, float]:
+        """Where in the recording the playback is, and where it ends, s from the recording's first message."""
+        first, _ = self._source.span_ns
+        return (self.control.position_ns - first) / NS_PER_S, (self._end_ns - first) / NS_PER_S
 
     def run(self) -> int:
         """Play; return the number of messages published."""
+        self._say(self._services.told)
         self._await_subscribers()
-        count = 0
-        while not self._stopping:
-            count += self._once()
-            if not self._playback.loop:
-                break
+        self.control.begin()
+        count, turn, position_ns = 0, Turn.MOVED, self._start_ns
+        while turn is Turn.MOVED:
+            turn = Turn.DUE
+            for topic, log_time_ns, raw in self._source.messages(self._publishers, position_ns):
+                if log_time_ns >= self._end_ns:
+                    break
+                turn = self.control.wait_until(log_time_ns)
+                if turn is not Turn.DUE:
+                    break
+                self._publishers[topic].publish(raw)
+                self.control.played()
+                count += 1
+            if turn is Turn.DUE:
+                turn = self.control.wait_until(self._end_ns - 1, end=True)
+            if turn is Turn.DUE and self._playback.loop:
+                self.control.rewind()
+                turn = Turn.MOVED
+            position_ns = self.control.from_ns
         self._await_acknowledgement(count)
         return count
 
-    def _once(self) -> int:
-        rate = self._playback.rate
-        anchor_ns, begin = self._start_ns, time.perf_counter()
-
-        def wait_until(stamp_ns: int) -> None:
-            due = begin + (stamp_ns - anchor_ns) / (NS_PER_S * rate)
-            while not self._stopping and (left := due - time.perf_counter()) > 0.0:
-                time.sleep(min(left, NAP_S))
-
-        tick_ns = round(NS_PER_S * rate / self._playback.clock_hz) if self._clock is not None else 0
-        next_tick_ns, count = anchor_ns, 0
-
-        def tell_time(until_ns: int) -> None:
-            nonlocal next_tick_ns
-            while self._clock is not None and next_tick_ns <= until_ns and not self._stopping:
-                wait_until(next_tick_ns)
-                message = Clock()
-                message.clock.sec, message.clock.nanosec = divmod(next_tick_ns, NS_PER_S)
-                self._clock.publish(message)
-                next_tick_ns += tick_ns
-
-        for topic, log_time_ns, raw in self._source.messages(self._publishers, self._start_ns):
-            if log_time_ns >= self._end_ns:
-                break
-            tell_time(log_time_ns)
-            wait_until(log_time_ns)
-            if self._stopping:
-                return count
-            self._publishers[topic].publish(raw)
-            count += 1
-        tell_time(self._end_ns - 1)
-        return count
+    def _tell_time(self, now_ns: int) -> None:
+        if self._clock is not None:
+            message = Clock()
+            message.clock.sec, message.clock.nanosec = divmod(now_ns, NS_PER_S)
+            self._clock.publish(message)
 
     def _await_subscribers(self) -> None:
         """Wait until all subscribers that the graph knows of are matched, and no more appear."""
@@ -208,28 +207,29 @@ class Player:
         told = False
         known: list[int] = []
         since = time.monotonic()
-        while not self._stopping:
+        while not self.control.stopped:
             matched = [publisher.get_subscription_count() for publisher in publishers]
             wanted = [self._node.count_subscribers(publisher.topic_name) for publisher in publishers]
             now = time.monotonic()
             if [*matched, *wanted] != known:
                 known, since = [*matched, *wanted], now
             complete = any(matched) and all(m >= w for m, w in zip(matched, wanted, strict=True))
-            if complete and now - since >= SETTLED_S:
-                return
-            if now >= deadline:
+            if (complete and now - since >= SETTLED_S) or now >= deadline:
                 break
             if not told and now - since > 1.0:
                 self._say("waiting for subscribers")
                 told = True
             time.sleep(0.01)
-        if self._stopping:
+        if self.control.stopped:
             return
         if wait_s and not any(matched):
             names = ", ".join(publisher.topic_name for publisher in publishers)
             raise UnanswerableError(
                 f"nobody subscribed to {names} within {wait_s:g} s; start the node first, or use --remap, or --wait 0"
             )
+        unheard = [publisher.topic_name for publisher, m in zip(publishers, matched, strict=True) if not m]
+        if unheard:
+            self._say(f"warning: nobody listens to {', '.join(unheard)}; is it remapped, or the node not there yet?")
         for publisher, m, w in zip(publishers, matched, wanted, strict=True):
             if wait_s and m < w:
                 self._say(f"{publisher.topic_name}: only {m} of {w} subscribers are matched; is their QoS compatible?")
