@@ -10,7 +10,7 @@ from contextlib import AbstractContextManager
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import TypeAlias
+from typing import Protocol, TypeAlias
 
 from friction_estimator.cli.terminal import EXIT_CODES, Parser, say, say_document, warn
 from friction_estimator.core.errors import InputError
