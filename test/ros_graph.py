@@ -287,9 +287,12 @@ class Feeder:
     ----------
     graph : whose probe publishes.
     prefix : of the topic names, such as "/left".
+    rotary : angular velocity and torque instead of linear velocity and force.
     """
 
-    def __init__(self, graph: Graph, prefix: str = "", *, reliable: bool = True, frame: str = "shaft") -> None:
+    def __init__(
+        self, graph: Graph, prefix: str = "", *, reliable: bool = True, frame: str = "shaft", rotary: bool = False
+    ) -> None:
         from geometry_msgs.msg import TwistStamped, WrenchStamped
 
         from friction_estimator.ros.wire import serialised_frame
@@ -300,7 +303,7 @@ class Feeder:
         self._graph = graph
         text = serialised_frame(frame)
         text += bytes(-(12 + len(text) - 4) % 8)
-        self._layout = struct.Struct(f"<4sII{len(text)}s6d")
+        self._layout = struct.Struct(f"<4sII{len(text)}s{'24xd16x' if rotary else 'd40x'}")
         self._frame = text
 
     def matched(self, count: int = 1) -> None:
@@ -308,7 +311,7 @@ class Feeder:
 
     def message(self, stamp_ns: int, value: float) -> bytes:
         seconds, nanoseconds = divmod(stamp_ns, NS)
-        return self._layout.pack(b"\0\1\0\0", seconds % 2**32, nanoseconds, self._frame, value, 0, 0, 0, 0, 0)
+        return self._layout.pack(b"\0\1\0\0", seconds % 2**32, nanoseconds, self._frame, value)
 
     def velocity(self, stamp_ns: int, value: float) -> None:
         self._velocity.publish(self.message(stamp_ns, value))
@@ -338,8 +341,9 @@ def motion(count: int, rate_hz: float, seed: int = 0) -> tuple[Any, Any, Any]:
     return stamps, velocity, friction + 0.02 * rng.standard_normal(count)
 
 
-def force(message: bytes) -> tuple[int, float]:
-    """Return (stamp in ns, force.x) of a serialised WrenchStamped."""
+def force(message: bytes, component: int = 0) -> tuple[int, float]:
+    """Return (stamp in ns, force.x) of a serialised WrenchStamped; component 3 is torque.x."""
     size = struct.unpack_from("<I", message, 12)[0]
     seconds, nanoseconds = struct.unpack_from("<iI", message, 4)
-    return seconds * NS + nanoseconds, struct.unpack_from("<d", message, 16 + size + -(12 + size) % 8)[0]
+    place = 16 + size + -(12 + size) % 8 + 8 * component
+    return seconds * NS + nanoseconds, struct.unpack_from("<d", message, place)[0]

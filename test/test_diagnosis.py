@@ -11,6 +11,7 @@ from diagnosis_records import names, record, set_of
 from friction_estimator.cli.main import main
 from friction_estimator.core.errors import UnanswerableError
 from friction_estimator.core.online.replay import replay
+from friction_estimator.core.quantities import Quantities
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.diagnose import Diagnosis, diagnose
@@ -84,7 +85,7 @@ def test_nothing_hidden_is_nothing_found(noise: float, seed: int) -> None:
     # The prototype's promise in words: what was tried, and how small an effect would have been seen.
     assert result.detection_limit_N
     assert all(0.0 < limit < 1.0 for limit in result.detection_limit_N.values())
-    assert "would have been named" in " ".join(sentences(result))
+    assert "would have been named" in " ".join(sentences(result, Quantities()))
 
 
 ONE_SINE = (segment(2.0, 50.0, 60.0),)
@@ -156,8 +157,8 @@ def test_a_pressure_that_changes_once_leaves_what_changed_with_it_open(hidden: s
 
 def test_the_same_seed_gives_the_same_answer() -> None:
     samples = record(["presliding:size=0.03"])
-    one = as_json(diagnose([samples], Config(), seed=4), ["a"], {}, None)
-    other = as_json(diagnose([samples], Config(), seed=4), ["a"], {}, None)
+    one = as_json(diagnose([samples], Config(), seed=4), ["a"], {}, None, Quantities())
+    other = as_json(diagnose([samples], Config(), seed=4), ["a"], {}, None, Quantities())
     assert one == other
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from diagnosis_records import names, record
 
+from friction_estimator.core.quantities import Quantities
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.diagnose import Diagnosis, diagnose
 from friction_estimator.diagnosis.extend import is_offered
@@ -34,14 +35,14 @@ def test_a_cause_outside_the_catalogue_is_unexplained(unexplained: Diagnosis) ->
     assert unexplained.total_gain is None
     assert unexplained.detection_limit_N == {}  # no promise of what would have been seen beside it
     assert any("no named cause explains" in text for text in unexplained.excitation.warnings)
-    assert "no name holds" in sentences(unexplained)[0]
+    assert "no name holds" in sentences(unexplained, Quantities())[0]
 
 
 def test_what_is_left_is_measured_in_one_way(unexplained: Diagnosis) -> None:
     """Of the held-out error what is above the noise floor, in the summary as in the words."""
     over = unexplained.nrmse_holdout - unexplained.noise_floor
     assert unexplained.unexplained_percent == pytest.approx(100.0 * over / unexplained.nrmse_holdout, rel=1e-6)
-    summary = as_json(unexplained, ["a"], {}, None)
+    summary = as_json(unexplained, ["a"], {}, None, Quantities())
     assert summary["unexplained_percent"] == unexplained.unexplained_percent
 
 

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from friction_estimator.core.quantities import Quantities
 from friction_estimator.effects import EFFECTS
 from friction_estimator.effects.base import Effect
 from friction_estimator.effects.features import Context
@@ -96,7 +97,7 @@ BEYOND = [
 
 @pytest.mark.parametrize(("name", "params", "words"), BEYOND)
 def test_what_lies_beyond_the_record_is_refused_in_words(name: str, params: dict[str, float], words: str) -> None:
-    assert words in str(EFFECTS[name].spans(params, np.ones(1), USUAL))
+    assert words in Quantities().worded(str(EFFECTS[name].spans(params, np.ones(1), USUAL)))
 
 
 def test_what_has_a_sign_in_physics_has_it_and_a_spring_has_none() -> None:

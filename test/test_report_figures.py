@@ -8,6 +8,7 @@ from matplotlib.colors import to_rgba
 
 from friction_estimator.core.fit.band import Curve
 from friction_estimator.core.online.replay import Replay, replay
+from friction_estimator.core.quantities import Quantities
 from friction_estimator.core.sample import Floats, Samples, joined
 from friction_estimator.core.settings.config import Config
 from friction_estimator.report import figures, style
@@ -44,7 +45,7 @@ def lines(figure):
 def test_what_no_data_support_is_dashed_and_grey(replayed):
     v = band(None).velocity_m_s
     share = np.where(np.abs(v) < 0.02, 0.2, 0.9)  # the middle was passed too fast, say
-    drawn = lines(figures.friction_map(drawn_with(replayed, share)))
+    drawn = lines(figures.friction_map(drawn_with(replayed, share), Quantities()))
     known, unknown = drawn["learned"], drawn["learned, no data"]
     assert (known.get_linestyle(), unknown.get_linestyle()) == ("-", "--")
     assert to_rgba(unknown.get_color()) == to_rgba(style.UNSUPPORTED)
@@ -57,7 +58,7 @@ def test_what_no_data_support_is_dashed_and_grey(replayed):
 
 
 def test_without_a_share_the_learned_velocities_decide(replayed):
-    drawn = lines(figures.friction_map(drawn_with(replayed)))
+    drawn = lines(figures.friction_map(drawn_with(replayed), Quantities()))
     v = drawn["learned"].get_xdata()
     shown = np.abs(v[np.isfinite(drawn["learned"].get_ydata())])
     assert shown.max() == pytest.approx(0.1, abs=3 * (v[1] - v[0]))
@@ -65,7 +66,7 @@ def test_without_a_share_the_learned_velocities_decide(replayed):
 
 
 def test_the_map_names_units_and_what_it_shows(replayed):
-    figure = figures.friction_map(drawn_with(replayed))
+    figure = figures.friction_map(drawn_with(replayed), Quantities())
     axes = figure.axes[0]
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("velocity (m/s)", "friction (N)")
     shown = [text.get_text() for text in axes.get_legend().get_texts()]

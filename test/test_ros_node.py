@@ -120,7 +120,7 @@ def test_joint_states_and_held_channels(graph):
     samples = intake.push(
         np.tile([VELOCITY, FRICTION], stamps.size), np.repeat(stamps, 2), np.stack([velocity, friction], 1).ravel()
     )
-    np.testing.assert_array_equal([m.wrench.force.x for m in heard], Estimator(config).run(samples))
+    np.testing.assert_array_equal([m.wrench.torque.x for m in heard], Estimator(config).run(samples))
 
 
 def test_unstamped_values_are_paired_by_time_of_receipt(graph):

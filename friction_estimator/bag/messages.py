@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from friction_estimator.bag.joint_arrays import JointArrays
 from friction_estimator.bag.layout import Cursor, Layout, LayoutError, NoValueError
+from friction_estimator.core.quantities import LINEAR, ROTARY
 from friction_estimator.core.registry import Registry
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Ints
 
@@ -29,11 +30,15 @@ _MANY_LAYOUTS = 8
 
 @dataclass(frozen=True)
 class Want:
-    """The quantity wanted of a message: one of `INPUTS`, along `axis`, of `joint` (empty: the only one)."""
+    """The quantity wanted of a message: one of `INPUTS`, along or, of a rotary drive, about `axis`, of `joint`.
+
+    An empty joint means the only one.
+    """
 
     quantity: str
     axis: str = "x"
     joint: str = ""
+    motion: str = LINEAR
 
 
 class Extractor(Protocol):
@@ -51,6 +56,10 @@ class Extractor(Protocol):
     def typical_of(self) -> frozenset[str]:
         """The inputs for which a topic of this type is taken even when its name says nothing."""
 
+    @property
+    def along_axis(self) -> bool:
+        """Whether it has three linear and three angular components."""
+
     def locate(self, cursor: Cursor, want: Want) -> Layout:
         """Walk a message; return where the wanted quantity stands. LayoutError where it is no such message."""
         ...
@@ -60,7 +69,8 @@ class Extractor(Protocol):
 class Doubles:
     """A message of `count` float64, behind a header where `stamped`.
 
-    The value is the first float64, or the one of the wanted axis where `along_axis`.
+    The value is the first float64, or the one of the wanted axis where `along_axis`: of the first three of a linear
+    drive, of the others of a rotary one.
     """
 
     count: int
@@ -75,7 +85,8 @@ class Doubles:
             cursor.header()
         start = cursor.doubles(self.count)
         cursor.end()
-        return cursor.layout(start + 8 * (AXES.index(want.axis) if self.along_axis else 0))
+        component = AXES.index(want.axis) + (len(AXES) if want.motion == ROTARY else 0)
+        return cursor.layout(start + 8 * (component if self.along_axis else 0))
 
 
 @dataclass(frozen=True)
@@ -88,6 +99,7 @@ class JointStates:
     stamped: bool = True
     feeds: frozenset[str] = frozenset({"velocity", "friction", "position"})
     typical_of: frozenset[str] = frozenset({"position"})
+    along_axis: bool = False
 
     def locate(self, cursor: Cursor, want: Want) -> Layout:
         """Return where the wanted joint's quantity stands; `absence` says why it does not."""

@@ -1,6 +1,7 @@
 """From a recording to the streams of its inputs, in SI units and in recorded order."""
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 
@@ -17,10 +18,12 @@ from friction_estimator.bag.messages import (
     Rows,
     Want,
 )
+from friction_estimator.bag.motion import recorded_motion
 from friction_estimator.bag.source import Source, Topic
-from friction_estimator.bag.topics import JOINT_STATES, REQUIRED, Probe, assign
+from friction_estimator.bag.topics import JOINT_STATE, JOINT_STATES, REQUIRED, Probe, assign
 from friction_estimator.core.errors import FrictionEstimatorError, InputError, UnanswerableError
 from friction_estimator.core.intake.pairing import LARGEST_VALUE, STREAMS
+from friction_estimator.core.quantities import LINEAR, ROTARY
 from friction_estimator.core.sample import Floats, Ints
 from friction_estimator.core.settings.groups import InputConfig
 
@@ -43,7 +46,7 @@ class Stream:
     topic, message_type : where it comes from; the type as ROS writes it (geometry_msgs/msg/TwistStamped).
     stamp_ns : (n,) int64, header stamp; the time of recording where the type has none (`stamped` is False).
     log_time_ns : (n,) int64, time of recording.
-    value : (n,) float64, m/s, N, absolute Pa, degC or m.
+    value : (n,) float64, m/s, N, absolute Pa, degC or m; rad/s, N m and rad of a rotary drive.
     frame_id, joint : of the first message; of the value where it is a joint's.
     missing : messages that do not hold the joint's value.
     """
@@ -83,12 +86,14 @@ class Recording:
     path : the recording.
     streams : by input; friction always, velocity or position, pressure, temperature and position where recorded.
     topics : all topics of the recording.
+    motion : "linear" or "rotary".
     notes : what is worth telling about the choice of topics, a line each.
     """
 
     path: Path
     streams: Mapping[str, Stream]
     topics: tuple[Topic, ...]
+    motion: str = LINEAR
     notes: tuple[str, ...] = ()
 
     def events(self) -> Events:
@@ -143,7 +148,9 @@ def read_recording(
     with Source(path) as source:
         where = str(source.path)
         chosen = assign(where, source.topics, topics or {}, config.mode, config.velocity_from, probe_of(source, config))
-        builders = {name: _Builder(name, topic, config, source.ros1) for name, topic in chosen.topics.items()}
+        joint = _joint(source, chosen.topics["friction"], config)
+        motion, why = recorded_motion(source, chosen.topics, config, joint)
+        builders = {name: _Builder(name, topic, config, motion, source.ros1) for name, topic in chosen.topics.items()}
         counts = {item.topic.name: item.topic.count for item in builders.values()}
         total = sum(counts.values())
         if progress is not None:
@@ -162,6 +169,8 @@ def read_recording(
             if progress is not None:
                 progress(len(messages), total)
         notes = [*source.notes, *chosen.notes]
+        if motion == ROTARY:
+            notes.append(f"the drive is rotary: {why}")
         streams: dict[str, Stream] = {}
         failures: dict[str, FrictionEstimatorError] = {}
         for name in INPUTS:
@@ -187,7 +196,7 @@ def read_recording(
             first, *others = failures.values()
             told = [first] if str(first).endswith(CHOOSE_JOINT) else [first, *others]
             raise type(first)(f"{where}: {'; '.join(map(str, told))}")
-        return Recording(source.path, streams, source.topics, tuple(notes))
+        return Recording(source.path, streams, source.topics, motion, tuple(notes))
 
 
 def probe_of(source: Source, config: InputConfig) -> Probe:
@@ -220,14 +229,25 @@ def probe_of(source: Source, config: InputConfig) -> Probe:
     return why_not
 
 
+def _joint(source: Source, topic: Topic, config: InputConfig) -> str | None:
+    """Return whose effort a topic holds, "" where that is not clear; None where it is no joint's."""
+    raw = source.first(topic.name)
+    if topic.message_type != JOINT_STATE or raw is None:
+        return None
+    decoder = Decoder(EXTRACTORS[topic.message_type], Want("friction", config.axis, config.joint), ros1=source.ros1)
+    with suppress(LayoutError, NoValueError):  # told when it is read
+        decoder.one(raw)
+    return min(decoder.joints, default=config.joint)
+
+
 class _Builder:
     """Collects one stream batch by batch."""
 
-    def __init__(self, name: str, topic: Topic, config: InputConfig, ros1: bool) -> None:
+    def __init__(self, name: str, topic: Topic, config: InputConfig, motion: str, ros1: bool) -> None:
         self.topic = topic
         self._name, self._joint_named = name, bool(config.joint)
         self._extractor = EXTRACTORS[topic.message_type]
-        self._decoder = Decoder(self._extractor, Want(name, config.axis, config.joint), ros1=ros1)
+        self._decoder = Decoder(self._extractor, Want(name, config.axis, config.joint, motion), ros1=ros1)
         self._stamps: list[Ints] = []
         self._log_times: list[Ints] = []
         self._values: list[Floats] = []

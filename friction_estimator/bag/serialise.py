@@ -14,6 +14,7 @@ from rosbags.typesys.store import Typestore
 
 from friction_estimator.bag.layout import Cursor
 from friction_estimator.bag.messages import EXTRACTORS, Rows, Want
+from friction_estimator.core.quantities import LINEAR
 from friction_estimator.core.sample import NS_PER_S, Floats, Ints
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -62,11 +63,18 @@ def _put(rows: Rows, place: int, numbers: np.ndarray[Any, Any]) -> None:
 
 
 def sample_template(
-    message_type: str, quantities: tuple[str, ...], *, frame_id: str = "", joint: str = "", axis: str = "x"
+    message_type: str,
+    quantities: tuple[str, ...],
+    *,
+    frame_id: str = "",
+    joint: str = "",
+    axis: str = "x",
+    motion: str = LINEAR,
 ) -> Template:
     """Return the template of a type in `EXTRACTORS` that carries `quantities` (see `messages.INPUTS`).
 
-    Only a JointState carries several; its effort is called friction here. Raises ConfigError for other types.
+    Only a JointState carries several; its effort is called friction here. Of a rotary `motion`, a twist carries an
+    angular velocity and a wrench a torque. Raises ConfigError for other types.
     """
     extractor = EXTRACTORS[message_type]
     if message_type == JOINT_STATE:
@@ -74,7 +82,7 @@ def sample_template(
     else:
         message = _zeros(message_type, frame_id)
     raw = _serialised(message_type, message)
-    layouts = [extractor.locate(Cursor(raw), Want(quantity, axis, joint)) for quantity in quantities]
+    layouts = [extractor.locate(Cursor(raw), Want(quantity, axis, joint, motion)) for quantity in quantities]
     places = tuple(layout.value_at for layout in layouts if layout.value_at is not None)
     return Template(message_type, raw, layouts[0].stamp_at, places)
 

@@ -22,6 +22,7 @@ from friction_estimator.bag.read import recorded_order
 from friction_estimator.bag.serialise import Template, array_template, sample_template, typestore
 from friction_estimator.bag.source import Source
 from friction_estimator.core.errors import InputError
+from friction_estimator.core.quantities import LINEAR
 from friction_estimator.core.sample import Floats, Ints, Samples
 from friction_estimator.core.text import is_utf8
 from friction_estimator.output.staging import Refusal
@@ -80,6 +81,7 @@ class RecordingWriter:
         frame_id: str = "",
         joint: str = JOINT,
         axis: str = "x",
+        motion: str = LINEAR,
     ) -> None:
         """Add one topic.
 
@@ -91,9 +93,12 @@ class RecordingWriter:
         quantity : what `value` is, one of `messages.INPUTS`, where it is one array.
         log_time_ns : (n,) time of recording; the stamps unless given.
         frame_id, joint, axis : where the type has them.
+        motion : "linear" or "rotary": of a rotary drive a twist is angular, and a wrench a torque.
         """
         by_quantity = value if isinstance(value, Mapping) else {quantity: value}
-        template = sample_template(message_type, tuple(by_quantity), frame_id=frame_id, joint=joint, axis=axis)
+        template = sample_template(
+            message_type, tuple(by_quantity), frame_id=frame_id, joint=joint, axis=axis, motion=motion
+        )
         self._add(topic, template, stamp_ns, log_time_ns, *by_quantity.values())
 
     def add_array(self, topic: str, label: str, log_time_ns: Ints, values: NDArray[np.float64]) -> None:
@@ -237,18 +242,20 @@ def write_samples(
     samples: Samples,
     storage: str | None = None,
     *,
+    motion: str = LINEAR,
     frame_id: str = "",
     progress: Progress | None = None,
 ) -> None:
     """Write samples as a recording on the default topics, one message a sample and recorded channel.
 
-    NaN in velocity or friction is written; a channel's NaN (no value yet) is not. Raises InputError as `writing`.
+    NaN in velocity or friction is written; a channel's NaN (no value yet) is not. Of a rotary `motion` they
+    are written as angular velocity and torque, by which they are known again. Raises InputError as `writing`.
     """
     with writing(path, storage, progress) as writer:
-        add_samples(writer, samples, frame_id=frame_id)
+        add_samples(writer, samples, motion=motion, frame_id=frame_id)
 
 
-def add_samples(writer: RecordingWriter, samples: Samples, *, frame_id: str = "") -> None:
+def add_samples(writer: RecordingWriter, samples: Samples, *, motion: str = LINEAR, frame_id: str = "") -> None:
     """Add the default topics of `samples` to a recording (see `write_samples`)."""
     # What a sample needs is recorded before what completes it.
     channels = {
@@ -264,7 +271,8 @@ def add_samples(writer: RecordingWriter, samples: Samples, *, frame_id: str = ""
         known = np.ones(len(samples), np.bool_) if name in ("velocity", "friction") else ~np.isnan(value)
         if known.any():
             topic, kind = TOPICS[name]
-            writer.add_stream(topic, kind, samples.stamp_ns[known], value[known], quantity=name, frame_id=frame_id)
+            stamps = samples.stamp_ns[known]
+            writer.add_stream(topic, kind, stamps, value[known], quantity=name, frame_id=frame_id, motion=motion)
 
 
 def add_results(
@@ -277,6 +285,7 @@ def add_results(
     log_time_ns: Ints | None = None,
     frame_id: str = "",
     axis: str = "x",
+    motion: str = LINEAR,
 ) -> None:
     """Add the estimator's outputs under the names of the node's topics.
 
@@ -285,6 +294,7 @@ def add_results(
     stamp_ns, predicted_N, residual_N : (n,), of the samples that they belong to; residual is measured - predicted.
     parameters : by name (fir_taps, theory_taps, wavelet_weights): times of recording (m,) and values (m, size).
     log_time_ns : (n,) time of recording; the stamps unless given.
+    axis, motion : as the inputs have them: of a rotary drive the outputs are torques.
     """
     for name, value in (("friction_predicted", predicted_N), ("residual", residual_N)):
         writer.add_stream(
@@ -295,6 +305,7 @@ def add_results(
             log_time_ns=log_time_ns,
             frame_id=frame_id,
             axis=axis,
+            motion=motion,
         )
     for name, (times, values) in (parameters or {}).items():
         if values.shape[1]:

@@ -13,7 +13,8 @@ from types import TracebackType
 from typing import Protocol, TypeAlias
 
 from friction_estimator.cli.terminal import EXIT_CODES, Parser, say, say_document, warn
-from friction_estimator.core.errors import InputError
+from friction_estimator.core.errors import ConfigError, InputError
+from friction_estimator.core.quantities import Quantities, unit_named
 from friction_estimator.core.settings.config import Config, retired
 from friction_estimator.core.settings.joints import of_joint
 from friction_estimator.documents.configuration import config_of, read_parameters
@@ -40,6 +41,39 @@ def add_bag_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of every verb that reads a recording: `--topic`, `--joint`, `--config`."""
     group = add_topic_options(parser)
     group.add_argument("--config", metavar="YAML", help="ROS parameter file with the settings")
+    add_units_option(parser)
+
+
+def add_units_option(parser: argparse.ArgumentParser) -> None:
+    """Add `--units`."""
+    parser.add_argument(
+        "--units",
+        type=_units,
+        default=(),
+        metavar="UNIT,...",
+        help="units of what people read, such as mm/s,N or rpm,mN m (default: SI); the JSON stays in SI",
+    )
+
+
+def _units(text: str) -> tuple[str, ...]:
+    names = tuple(text.split(","))
+    try:
+        for name in names:
+            unit_named(name)
+    except ConfigError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+    return names
+
+
+def quantities_from(args: argparse.Namespace, config: Config) -> Quantities:
+    """Return what the drive's numbers are, shown in the units of `--units`.
+
+    Raises InputError for a unit of the other kind of motion.
+    """
+    try:
+        return config.quantities.in_units(args.units)
+    except ConfigError as error:
+        raise InputError(f"--units {','.join(args.units)}: {error}") from error
 
 
 def add_topic_options(parser: argparse.ArgumentParser) -> "argparse._ArgumentGroup":

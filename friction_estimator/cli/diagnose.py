@@ -10,12 +10,15 @@ import numpy as np
 
 from friction_estimator.cli import common, joints
 from friction_estimator.cli.progress import progress
+from friction_estimator.cli.recorded import settled
 from friction_estimator.core.errors import UnanswerableError, about
+from friction_estimator.core.quantities import Quantities
 from friction_estimator.core.sample import NS_PER_S, Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.output.layout import Layout, only
 
 if TYPE_CHECKING:
+    from friction_estimator.bag.read import Recording
     from friction_estimator.effects.detection import Fault
 
 EXTENDED = "extended.yaml"
@@ -66,8 +69,10 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
 
     config = common.config_from(args, warned=output.warn)
     loaded = [_load(bag, args, config, output) for bag in args.bags]
-    recordings = [samples for samples, _ in loaded]
-    faults = {fault.name: fault for _, found in loaded for fault in found}
+    config = settled(config, [recording for recording, _, _ in loaded])
+    quantities = common.quantities_from(args, config)
+    recordings = [samples for _, samples, _ in loaded]
+    faults = {fault.name: fault for _, _, found in loaded for fault in found}
     with about(", ".join(args.bags)), progress("diagnosing", 100, unit="%") as advance:
         shown = 0
 
@@ -78,14 +83,14 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
             shown = max(shown, done)
 
         result = diagnose(recordings, config, seed=args.seed, progress=report, faults=tuple(faults.values()))
-    for line in sentences(result):
+    for line in sentences(result, quantities):
         output.say(line)
     extended = str(Path(args.out) / EXTENDED) if args.out and is_offered(result) else None
-    summary = as_json(result, args.bags, {}, extended)
+    summary = as_json(result, args.bags, {}, extended, quantities)
     if args.out:
         judged = judged_by(args.bags, extended, args.config)
         with output.part() as folder:
-            summary = _write(folder, Path(args.out), result, config, args.bags, extended, judged)
+            summary = _write(folder, Path(args.out), result, config, quantities, args.bags, extended, judged)
         for line in judged:
             output.say(line)
         output.say(f"written: {args.out}")
@@ -108,8 +113,10 @@ def _outcome(summary: dict[str, Any], recordings: list[Samples]) -> joints.Outco
     return joints.Outcome(0 if decided else 1, cells, summary["verdict"] + (f": {why}" if why else ""), decided)
 
 
-def _load(bag: str, args: argparse.Namespace, config: Config, output: common.Outlet) -> tuple[Samples, list["Fault"]]:
-    """Return one recording's usable samples and the faults of its stamps; a steady offset is taken out."""
+def _load(
+    bag: str, args: argparse.Namespace, config: Config, output: common.Outlet
+) -> tuple["Recording", Samples, list["Fault"]]:
+    """Return one recording, its usable samples and the faults of its stamps; a steady offset is taken out."""
     from friction_estimator.bag.read import read_recording  # noqa: PLC0415
     from friction_estimator.bag.samples import to_samples  # noqa: PLC0415
     from friction_estimator.diagnosis import streams  # noqa: PLC0415
@@ -133,11 +140,18 @@ def _load(bag: str, args: argparse.Namespace, config: Config, output: common.Out
     )
     if not len(admitted.samples) or not np.isfinite(admitted.samples.velocity_m_s).any():
         raise UnanswerableError(f"{bag}: no usable sample; see `friction_estimator info {bag}`")
-    return admitted.samples, streams.counted(facts)
+    return recording, admitted.samples, streams.counted(facts)
 
 
 def _write(
-    folder: Path, final: Path, result: Any, config: Config, bags: list[str], extended: str | None, judged: list[str]
+    folder: Path,
+    final: Path,
+    result: Any,
+    config: Config,
+    quantities: Quantities,
+    bags: list[str],
+    extended: str | None,
+    judged: list[str],
 ) -> dict[str, Any]:
     """Write the diagnosis into `folder`, which is made here and will be `final`; return its summary."""
     from friction_estimator.diagnosis.extend import extended_config  # noqa: PLC0415
@@ -156,11 +170,11 @@ def _write(
             f"Base model with {names}; accepted by replay, simulate, diagnose and the live node.",
         )
     (folder / "figures").mkdir()
-    drawn = write_diagnosis_figures(result, folder / "figures")
+    drawn = write_diagnosis_figures(result, folder / "figures", quantities)
     figures = {name: str(final / "figures" / path.name) for name, path in drawn.items()}
-    summary = as_json(result, bags, figures, extended)
+    summary = as_json(result, bags, figures, extended, quantities)
     (folder / "summary.json").write_text(common.to_json(summary) + "\n", encoding="utf-8")
-    sections = [Section("Findings", sentences(result))]
+    sections = [Section("Findings", sentences(result, quantities))]
     if judged:
         sections.append(Section("The extended model on other recordings", judged))
     if drawn:

@@ -99,6 +99,7 @@ def _learned(args: argparse.Namespace, output: common.Output) -> Learned:
         config=str(settings),
         topic=args.topic,
         joint=args.joint,
+        units=(),  # the file is in SI units
     )
     config, samples = common.config_from(read), None
     Learned(str(given), config)  # a model that holds nothing is refused before a recording is read

@@ -53,11 +53,11 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
     session = load(args, output, {"model.type": args.model})
     samples = session.samples
     with about(", ".join(session.bags)):
-        check_answerable(samples)
+        check_answerable(samples, session.quantities)
         learned = _learned(len(samples), args.freeze_after)
         # Range and units are those of the samples that are fitted: all are known before.
         config = chosen(session.config, samples.velocity_m_s[learned], friction_alone(session.config, samples)[learned])
-    tell_units(output, session.config, config)
+    tell_units(output, session.quantities, session.config, config)
     begin = time.perf_counter()
     with progress("fitting", len(samples)) as advance:
         in_motion = learned & ~standstill(samples, config.velocity_scale)
@@ -70,12 +70,12 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
         summary["online"] = _online(session, fit, [args.law] if args.law else list(LAWS), args.freeze_after)
     _tell(output, summary)
     loads.tell(output, result.loads, 14)
-    side_by_side.tell(output, result)
+    side_by_side.tell(output, result, session.quantities)
     if args.out:
         from friction_estimator.cli.results import write_results  # noqa: PLC0415 - drawing is loaded where asked for
 
         with output.part() as folder:
-            write_results(folder, session.recordings, result, summary)
+            write_results(folder, session.recordings, result, summary, session.quantities)
         output.say(f"{'written':<14}{args.out}: bag/, figures/, report.html, summary.json, config.yaml")
     output.result(summary)
     return joints.outcome(summary, result)

@@ -6,18 +6,22 @@ from typing import TYPE_CHECKING, Any
 
 from friction_estimator.cli import common, info_joints, joints
 from friction_estimator.cli.progress import progress
+from friction_estimator.cli.recorded import settled
 from friction_estimator.core.errors import FrictionEstimatorError, InputError, UnanswerableError, about, sentence
+from friction_estimator.core.quantities import FORCE, POSITION, VELOCITY, Quantities, quantity
+from friction_estimator.core.settings.groups import AUTO
 
 if TYPE_CHECKING:
     from friction_estimator.bag.read import Recording, Stream
     from friction_estimator.bag.samples import Admitted
-    from friction_estimator.bag.source import Topic
+    from friction_estimator.bag.source import Source, Topic
     from friction_estimator.bag.statistics import StreamStatistics
     from friction_estimator.core.settings.config import Config
 
 SCHEMA = "friction_estimator/info/1"
 
-UNITS = {"velocity": "m/s", "friction": "N", "pressure": "Pa", "temperature": "degC", "position": "m"}
+UNITS = {"velocity": VELOCITY, "friction": FORCE, "pressure": "Pa", "temperature": "degC", "position": POSITION}
+"""Unit of each input on a linear drive."""
 
 LEAST_SPEED_RATIO = 3.0
 """Fastest over slowest usual speed of a direction, below which the curve between them and rest is not seen."""
@@ -67,37 +71,52 @@ def _run(args: argparse.Namespace, output: common.Output) -> int:
     config = common.config_from(args)
     if args.joint == joints.ALL:
         config = config.updated({"input.joint": ""})
+    quantities = config.quantities
     with Source(args.bag) as source, progress("looking for joints", unit="messages") as advance:
         topics = source.topics
-        joint_topics = survey(source, progress=advance)
+        found = survey(source, progress=advance)
+        motions = {name: _motion(source, config, name) for each in found for name in each.joints}
     result: dict[str, Any] = {"schema": SCHEMA, "bag": args.bag, "topics": [], "inputs": {}, "problem": None}
-    result["joint_states"] = [info_joints.facts(each) for each in joint_topics]
+    result["joint_states"] = []
     inputs: dict[str, list[str]] = {}
     recording: Recording | None = None
     failure: FrictionEstimatorError | None = None
+    said: dict[str, list[str]] = {}
     try:
         with about(args.bag), progress("reading", unit="messages") as advance:
             recording = read_recording(args.bag, config.input, common.topics_from(args), advance)
+        config = settled(config, [recording])
+        quantities = common.quantities_from(args, config)
+        result["motion"], result["units"] = recording.motion, quantities.names
         for name, stream in recording.streams.items():
             inputs.setdefault(stream.topic, []).append(name)
-            result["inputs"][name] = _input(name, stream, describe(stream, config.sync))
+            result["inputs"][name] = _input(name, stream, describe(stream, config.sync), quantities)
+            if stream.joint:  # a position of the drive moves as the drive does
+                motions[stream.joint] = recording.motion
         result["notes"] = list(recording.notes)
     except FrictionEstimatorError as error:
         failure = error
         if isinstance(error, InputError) and str(error).endswith(CHOOSE_JOINT) and not config.input.joint:
             failure = None  # nothing is wrong: each joint is told of
+            quantities = common.quantities_from(args, config.updated({"input.mode": "joint_state"}))
             result["notes"] = ["one joint at a time is assessed: --joint NAME; replay, identify and diagnose take all"]
+    result["joint_states"] = [info_joints.facts(each, motions.__getitem__) for each in found]
     result["topics"] = [_topic(topic, inputs.get(topic.name, [])) for topic in topics]
     if recording is not None:
         try:
             with about(args.bag):
                 admitted = to_samples(recording, config)
                 result["pairing"] = _pairing(admitted)
-                result["excitation"], result["can"], result["cannot"] = _assess(admitted, config)
+                result["excitation"], can, cannot = _assess(admitted, config)
+                said = {"notes": (result["excitation"] or {}).get("notes", []), "can": can, "cannot": cannot}
+                worded = {title: [quantities.si.worded(text) for text in texts] for title, texts in said.items()}
+                if result["excitation"] is not None:
+                    result["excitation"]["notes"] = worded.pop("notes")
+                result |= {title: worded[title] for title in ("can", "cannot")}
         except UnanswerableError as error:
             failure = error
     result["problem"] = None if failure is None else sentence(failure)
-    _tell(output, result)
+    _tell(output, result, said, quantities)
     output.result(result)
     if failure is not None:
         raise failure
@@ -108,8 +127,16 @@ def _topic(topic: "Topic", inputs: list[str]) -> dict[str, Any]:
     return {"name": topic.name, "type": topic.message_type, "messages": topic.count, "inputs": inputs}
 
 
-def _input(name: str, stream: "Stream", figures: "StreamStatistics") -> dict[str, Any]:
-    facts = {"topic": stream.topic, "type": stream.message_type, "unit": UNITS[name], "stamped": stream.stamped}
+def _motion(source: "Source", config: "Config", joint: str) -> str:
+    """Return whether a joint of the recording is linear or rotary."""
+    from friction_estimator.bag.motion import joint_motion  # noqa: PLC0415
+
+    return joint_motion(source, joint)[0] if config.input.motion == AUTO else config.input.motion
+
+
+def _input(name: str, stream: "Stream", figures: "StreamStatistics", quantities: Quantities) -> dict[str, Any]:
+    unit = quantities.si.unit(UNITS[name])
+    facts = {"topic": stream.topic, "type": stream.message_type, "unit": unit, "stamped": stream.stamped}
     return facts | {"frame_id": stream.frame_id, "joint": stream.joint} | asdict(figures)
 
 
@@ -128,7 +155,7 @@ def _pairing(admitted: "Admitted") -> dict[str, Any]:
 
 
 def _assess(admitted: "Admitted", config: "Config") -> tuple[dict[str, Any] | None, list[str], list[str]]:
-    """Return the facts about the drive, and what can and cannot be identified, in words."""
+    """Return the facts about the drive, and what can and cannot be identified, for `Quantities.worded`."""
     from friction_estimator.bag.statistics import moving_speeds  # noqa: PLC0415
     from friction_estimator.core.intake.agreement import velocity_over_position_rate  # noqa: PLC0415
     from friction_estimator.diagnosis.excitation import assess  # noqa: PLC0415
@@ -154,16 +181,16 @@ def _assess(admitted: "Admitted", config: "Config") -> tuple[dict[str, Any] | No
         cannot.insert(0, "friction in both directions: the shaft moves in one direction only")
     step = lattice_step(samples.velocity_m_s)
     if step > COARSE * max(abs(low), abs(high)):
-        cannot.append(f"what happens below {step:.3g} m/s: velocity is quantised in such steps")
+        cannot.append(f"what happens below {quantity(step, VELOCITY, '.3g')}: velocity is quantised in such steps")
     ratio = velocity_over_position_rate(samples)
     if ratio is not None and abs(ratio[0] - 1.0) > max(LEAST_MISMATCH, MISMATCH_ERRORS * ratio[1]):
         cannot.append(f"speeds as they are: the velocity is {ratio[0]:.4g} times the derivative of the position")
     if ranges and all(far / near > LEAST_SPEED_RATIO for near, far in ranges):
-        can.append(f"the friction curve F(v) from {low:.4g} to {high:.4g} m/s")
+        can.append(f"the friction curve F(v) from {quantity((low, high), VELOCITY)}")
     elif not any("curve F(v)" in warning for warning in found.warnings):
-        told = " and ".join(f"{near:.3g} to {far:.3g}" for near, far in ranges)
+        told = " and ".join(quantity(ends, VELOCITY, ".3g") for ends in ranges)
         cannot.insert(
-            0, f"the curve F(v): the shaft runs from {told} m/s only; vary its speed by a factor of ten within a stroke"
+            0, f"the curve F(v): the shaft runs from {told} only; vary its speed by a factor of ten within a stroke"
         )
     if found.reversals:
         can.append(f"what follows a reversal: {found.reversals} of them were recorded")
@@ -190,7 +217,7 @@ def _assess(admitted: "Admitted", config: "Config") -> tuple[dict[str, Any] | No
 _FIELDS = {"pressure": "pressure_Pa", "temperature": "temperature_degC", "position": "position_m"}
 
 
-def _tell(output: common.Output, result: dict[str, Any]) -> None:
+def _tell(output: common.Output, result: dict[str, Any], said: dict[str, list[str]], quantities: Quantities) -> None:
     output.say(str(result["bag"]))
     output.say("topics")
     for topic in result["topics"]:
@@ -199,9 +226,9 @@ def _tell(output: common.Output, result: dict[str, Any]) -> None:
         output.say(f"  {topic['name']}  {kind}  {topic['messages']}{use}")
     for name, facts in result["inputs"].items():
         output.say(name)
-        for line in _input_lines(facts):
+        for line in _input_lines(facts, UNITS[name], quantities):
             output.say(f"  {line}")
-    for line in info_joints.lines(result["joint_states"]):
+    for line in info_joints.lines(result["joint_states"], quantities.of):
         output.say(line)
     for note in result.get("notes", ()):
         output.say(f"note: {note}")
@@ -220,25 +247,26 @@ def _tell(output: common.Output, result: dict[str, Any]) -> None:
         periods = ", ".join(f"{period:.4g} s" for period in facts["drive_periods_s"]) or "none: not periodic"
         output.say("drive")
         output.say(
-            f"  {facts['reversals']} reversals, {facts['cycles']} cycles, stroke {facts['stroke_m']:.4g} m; "
+            f"  {facts['reversals']} reversals, {facts['cycles']} cycles, stroke "
+            f"{quantities.text(facts['stroke_m'], POSITION)}; "
             f"periods: {periods}"
         )
-        for note in facts["notes"]:
-            output.say(f"  {note}")
+        for note in said["notes"]:
+            output.say(f"  {quantities.worded(note)}")
     for title in ("can", "cannot"):
-        if result.get(title):
+        if said.get(title):
             output.say(f"{title} be identified" if title == "can" else "cannot be identified, or not well")
-            for text in result[title]:
-                output.say(f"  {text}")
+            for text in said[title]:
+                output.say(f"  {quantities.worded(text)}")
 
 
-def _input_lines(facts: dict[str, Any]) -> list[str]:
+def _input_lines(facts: dict[str, Any], unit: str, quantities: Quantities) -> list[str]:
     joint = f", joint {facts['joint']}" if facts["joint"] else ""
     frame = f", frame {facts['frame_id']}" if facts["frame_id"] else ""
     lines = [
         f"{facts['topic']}{joint}{frame}: {facts['messages']} messages, {facts['rate_hz']:.5g} Hz "
         f"(jitter {facts['jitter_s'] * 1e3:.3g} ms), {facts['duration_s']:.5g} s",
-        f"from {facts['lowest']:.5g} to {facts['highest']:.5g} {facts['unit']}",
+        f"from {quantities.value(facts['lowest'], unit):.5g} to {quantities.text(facts['highest'], unit, '.5g')}",
     ]
     if facts["gaps"]:
         lines.append(f"{facts['gaps']} gaps, the longest {facts['longest_gap_s']:.4g} s")

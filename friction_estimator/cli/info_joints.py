@@ -1,20 +1,22 @@
 """What `info` says of the joints in JointState topics."""
 
+from collections.abc import Callable
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from friction_estimator.core.quantities import FORCE, POSITION, VELOCITY, Quantities
 from friction_estimator.core.text import LONGEST_NAME, shown
 
 if TYPE_CHECKING:
     from friction_estimator.bag.joint_survey import Joint, JointTopic
 
-LABELS = {"position": "rad", "velocity": "rad/s", "effort": "N m"}
-"""Quantities in the order of a JointState; units of a rotary joint, a linear one has m, m/s and N."""
+LABELS = {"position": POSITION, "velocity": VELOCITY, "effort": FORCE}
+"""Quantities in the order of a JointState, with the unit of each on a linear drive."""
 
 
-def facts(found: "JointTopic") -> dict[str, Any]:
-    """Return the JSON of one topic."""
-    joints = {name: _joint(joint) for name, joint in found.joints.items()}
+def facts(found: "JointTopic", motion_of: Callable[[str], str]) -> dict[str, Any]:
+    """Return the JSON of one topic; `motion_of` says whether a joint is linear or rotary."""
+    joints = {name: {"motion": motion_of(name), **_joint(joint)} for name, joint in found.joints.items()}
     return {"topic": found.topic.name, "joints": joints, "without_names": dict(found.unnamed)}
 
 
@@ -27,8 +29,8 @@ def _joint(joint: "Joint") -> dict[str, Any]:
     return head | quantities | {"problem": joint.problem or None}
 
 
-def lines(topics: list[dict[str, Any]]) -> list[str]:
-    """Return the words for `facts` of some topics."""
+def lines(topics: list[dict[str, Any]], shown_as: Callable[[str], Quantities]) -> list[str]:
+    """Return the words for `facts` of some topics; `shown_as` says how the numbers of a motion are shown."""
     out = []
     for topic in topics:
         out.append(f"joints of {topic['topic']}")
@@ -36,7 +38,8 @@ def lines(topics: list[dict[str, Any]]) -> list[str]:
             out.append(f"  joint names are empty in {count} messages, which hold {held}: no joint can be chosen")
         width = max((len(_name(name)) for name in topic["joints"]), default=0)
         for name, joint in topic["joints"].items():
-            ranges = ", ".join(_range(label, joint[label]) for label in LABELS)
+            quantities = shown_as(joint["motion"])
+            ranges = ", ".join(_range(label, joint[label], quantities) for label in LABELS)
             rate = f"{joint['messages']} messages, {joint['rate_hz']:.5g} Hz"
             out.append(f"  {_name(name).ljust(width)}  {rate}; {ranges}")
             out += [f"  {'':{width}}  {fault}" for fault in _faults(joint)]
@@ -47,12 +50,13 @@ def _name(name: str) -> str:
     return shown(name, LONGEST_NAME) or "(no name)"
 
 
-def _range(label: str, quantity: dict[str, Any]) -> str:
+def _range(label: str, quantity: dict[str, Any], quantities: Quantities) -> str:
     if not quantity["values"] and len(quantity["absent"]) == 1:
         return str(*quantity["absent"])
     if quantity["values"] == quantity["nan"] + quantity["infinite"]:
         return f"no {label}"
-    return f"{label} {quantity['lowest']:.4g} to {quantity['highest']:.4g} {LABELS[label]}"
+    lowest, unit = quantities.value(quantity["lowest"], LABELS[label]), LABELS[label]
+    return f"{label} {lowest:.4g} to {quantities.text(quantity['highest'], unit)}"
 
 
 def _faults(joint: dict[str, Any]) -> list[str]:

@@ -12,7 +12,8 @@ from friction_estimator.bag.read import Recording, read_recording
 from friction_estimator.bag.samples import Admitted, to_samples
 from friction_estimator.cli import common, joints
 from friction_estimator.cli.progress import progress
-from friction_estimator.core.errors import about
+from friction_estimator.core.errors import InputError, about
+from friction_estimator.core.quantities import Quantities
 from friction_estimator.core.sample import Samples, joined
 from friction_estimator.core.settings.config import PARAMETERS, Config
 
@@ -60,11 +61,13 @@ class Session:
     learned : the recordings to learn, at least one.
     others : the recordings of `--test`.
     config : as given; range and units may be open.
+    quantities : what the drive's numbers are, shown in the units of `--units`.
     """
 
     learned: tuple[Loaded, ...]
     others: tuple[Loaded, ...]
     config: Config
+    quantities: Quantities
 
     @cached_property
     def samples(self) -> Samples:
@@ -145,17 +148,35 @@ def load(args: argparse.Namespace, output: common.Outlet, overrides: Mapping[str
     several = len(args.bags) + len(args.test) > 1
     learned = [_read(bag, args, config, output, "learned" if several else "") for bag in args.bags]
     others = [_read(bag, args, config, output, "test") for bag in args.test]
-    config = config.updated(_live_input(learned[0][0]))
-    return Session(_with(learned, config), _with(others, config), config)
+    config = settled(config, [recording for recording, _ in (*learned, *others)]).updated(_live_input(learned[0][0]))
+    quantities = common.quantities_from(args, config)
+    return Session(_with(learned, config), _with(others, config), config, quantities)
 
 
-def tell_units(output: common.Outlet, given: Config, used: Config) -> None:
+def settled(config: Config, recordings: Sequence[Recording]) -> Config:
+    """Return the configuration with what the recordings say of `input.motion`.
+
+    Raises InputError where one is linear and another rotary.
+    """
+    first = recordings[0]
+    for other in recordings[1:]:
+        if other.motion != first.motion:
+            raise InputError(
+                f"{first.path} is {first.motion} and {other.path} {other.motion}: they are not of one drive; "
+                "leave one out, or set input.motion where that is a mistake"
+            )
+    return config.updated({"input.motion": first.motion})
+
+
+def tell_units(output: common.Outlet, quantities: Quantities, given: Config, used: Config) -> None:
     """Say which range and units were chosen where they were open: `given` as configured, `used` at the end."""
     for name in ("learned.velocity_range", "learned.force_unit"):
         value = PARAMETERS[name].of(used)
         if value != PARAMETERS[name].of(given):
-            shown = f"[{value[0]:.5g}, {value[1]:.5g}]" if isinstance(value, tuple) else f"{value:.5g}"
-            output.say(f"{'chosen':<12}{name} = {shown} {PARAMETERS[name].unit}")
+            unit = PARAMETERS[name].unit
+            ends = [float(end) for end in (value if isinstance(value, tuple) else [value])]
+            shown = quantities.range_text(ends, unit, ".5g") if ends[1:] else quantities.text(ends[0], unit, ".5g")
+            output.say(f"{'chosen':<12}{name} = {shown}")
 
 
 def _with(read: Sequence[tuple[Recording, Admitted]], config: Config) -> tuple[Loaded, ...]:

@@ -48,19 +48,19 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
             starts=session.starts,
             advance=advance,
         )
-    tell_units(output, session.config, result.estimator.config)
+    tell_units(output, session.quantities, session.config, result.estimator.config)
     result = judged(session, result)
     summary = summarise(session, result, SCHEMA)
     _tell(output, summary)
     loads.tell(output, result.loads)
     _warn_of_contact(output, result)
-    side_by_side.tell(output, result)
+    side_by_side.tell(output, result, session.quantities)
     if args.out:
         # Drawing and HTML are loaded only where they are asked for.
         from friction_estimator.cli.results import write_results  # noqa: PLC0415
 
         with output.part() as folder:
-            write_results(folder, session.recordings, result, summary)
+            write_results(folder, session.recordings, result, summary, session.quantities)
         output.say(f"{'written':<12}{args.out}: bag/, figures/, report.html, summary.json, config.yaml")
     output.result(summary)
     return joints.outcome(summary, result)

@@ -14,6 +14,7 @@ from friction_estimator.bag.write import add_results, written
 from friction_estimator.cli import loads, side_by_side
 from friction_estimator.cli.common import to_json
 from friction_estimator.core.online.replay import Replay
+from friction_estimator.core.quantities import Quantities
 from friction_estimator.core.sample import Floats, Ints
 from friction_estimator.core.text import shown
 from friction_estimator.documents.configuration import write_config
@@ -49,7 +50,11 @@ RESULTS = Layout(
 
 
 def write_results(
-    folder: Path, recordings: Recording | Sequence[Recording], result: Replay, summary: Mapping[str, Any]
+    folder: Path,
+    recordings: Recording | Sequence[Recording],
+    result: Replay,
+    summary: Mapping[str, Any],
+    quantities: Quantities | None = None,
 ) -> None:
     """Write bag/, figures/, report.html, summary.json and config.yaml into `folder`.
 
@@ -61,9 +66,11 @@ def write_results(
     folder : made here; nothing stands there yet.
     recordings : those that were learned, in the order of `result.parts`.
     summary : the JSON of the run.
+    quantities : how numbers are shown; in SI units unless given.
 
     Raises InputError where a recording cannot be written.
     """
+    quantities = quantities or result.config.quantities
     taken = [recordings] if isinstance(recordings, Recording) else list(recordings)
     paths = ", ".join(str(recording.path) for recording in taken)
     folder.mkdir()
@@ -76,8 +83,8 @@ def write_results(
     )
     (folder / "summary.json").write_text(to_json(summary) + "\n", encoding="utf-8")
     (folder / "figures").mkdir()
-    figures = write_figures(result, folder / "figures")
-    sections = [_figures_of_merit(summary), *loads.section(result.loads), *_on_other_data(result)]
+    figures = write_figures(result, folder / "figures", quantities)
+    sections = [_figures_of_merit(summary), *loads.section(result.loads), *_on_other_data(result, quantities)]
     sections += [_inputs(recording) for recording in taken]
     sections[-1].paragraphs = [*sections[-1].paragraphs, _admitted(summary)]
     write_page(
@@ -121,6 +128,7 @@ def write_bag(path: Path, recording: Recording, result: Replay, part: slice = sl
             log_time_ns=log_time_ns,
             frame_id=friction.frame_id,
             axis=result.config.input.axis,
+            motion=recording.motion,
         )
 
 
@@ -167,15 +175,15 @@ def _figures_of_merit(summary: Mapping[str, Any]) -> Section:
     return Section("Error", table=rows)
 
 
-def _on_other_data(result: Replay) -> list[Section]:
+def _on_other_data(result: Replay, quantities: Quantities) -> list[Section]:
     """Return the section on what was predicted without learning; none where nothing was."""
-    rows = side_by_side.rows(result)
+    rows = side_by_side.rows(result, quantities)
     if not rows:
         return []
     text = (
         "Predicted with what was learned, without learning, beside curves of velocity alone fitted to the same samples "
         "that the model learned from, the guess that friction is what it was one sample ago, and the theoretical "
-        "curve alone. Error rms over the std of measured friction (nrmse), and in newton."
+        f"curve alone. Error rms over the std of measured friction (nrmse), and in {quantities.force}."
     )
     if result.others:
         text += (

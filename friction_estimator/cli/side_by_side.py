@@ -7,6 +7,7 @@ import numpy as np
 from friction_estimator.cli import common
 from friction_estimator.core.fit.frozen_score import FrozenScore
 from friction_estimator.core.online.replay import Replay
+from friction_estimator.core.quantities import FORCE, Quantities
 
 NAMES = {
     "coulomb_viscous": "coulomb+viscous",
@@ -27,13 +28,14 @@ def scores_of(result: Replay) -> list[tuple[str, FrozenScore]]:
     return own + [(other.name, other.score) for other in result.others]
 
 
-def rows(result: Replay) -> list[tuple[str, ...]]:
-    """Return two rows of cells as `HEAD` names them for each of `scores_of`: nrmse, and rms error in newton."""
+def rows(result: Replay, quantities: Quantities) -> list[tuple[str, ...]]:
+    """Return two rows of cells as `HEAD` names them for each of `scores_of`: nrmse, and rms error in newton or so."""
     out = []
     for name, score in scores_of(result):
         values = [score.nrmse, *(score.baselines[key] for key in NAMES)]
         out.append((name, str(score.samples), "nrmse", *(_cell(value, 1.0) for value in values)))
-        out.append(("", "", "N", *(_cell(value, score.spread_N) for value in values)))
+        spread = quantities.value(score.spread_N, FORCE)
+        out.append(("", "", quantities.force, *(_cell(value, spread) for value in values)))
     return out
 
 
@@ -41,9 +43,9 @@ def _cell(value: float | None, factor: float) -> str:
     return "-" if value is None or not np.isfinite(value) else f"{factor * value:.4g}"
 
 
-def tell(output: common.Outlet, result: Replay) -> None:
+def tell(output: common.Outlet, result: Replay, quantities: Quantities) -> None:
     """Print the table where something was predicted without learning."""
-    lines = rows(result)
+    lines = rows(result, quantities)
     if not lines:
         return
     width = [max(len(line[k]) for line in [HEAD, *lines]) for k in range(len(HEAD))]

@@ -3,6 +3,9 @@
 Names in the code and keys of the JSON say `_m_s` and `_N` whatever moves; what a person reads says the true unit,
 through `Quantities`. A unit is asked for by what it is of a linear drive: ``quantities.unit("N s/m")`` is "N m s/rad"
 where the drive is rotary, and `value` and `text` convert to the units that the reader chose (`in_units`).
+
+Who does not know the drive says only what is meant: ``quantity(0.02, "m/s")`` for a number and `{force}` or `{mass}`
+for the noun. `Quantities.worded` makes words of them where they are shown.
 """
 
 import math
@@ -29,6 +32,7 @@ _FORCES = {"N": 1.0, "uN": 1e-6, "mN": 1e-3, "kN": 1e3, "MN": 1e6, "lbf": 4.4482
 _TIMES = {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0}
 _SPELT = {"µ": "u", "μ": "u", "°": "deg", "·": " ", "*": " ", "²": "2", "^": "", "rpm": "rev/min"}
 _TORQUE = re.compile(rf"({'|'.join(_FORCES)})[ .-]?({'|'.join(_LENGTHS)})|({'|'.join(_LENGTHS)})[ .-]?lbf")
+_MEANT = re.compile(r"\{(?:(force|mass)|([^{} ]+) \|([^{}|]+)\|([^{}|]+))\}")
 _TOKEN = re.compile(r"(/?)([A-Za-z]+)(?:\^?(\d))?")
 
 
@@ -88,6 +92,27 @@ def unit_named(text: str) -> Unit:
     )
 
 
+def quantity(si: float | Iterable[float], linear: str, digits: str = ".4g") -> str:
+    """Return a number in SI units, or the ends of a range, for a text that `Quantities.worded` will make words of.
+
+    >>> Quantities(ROTARY).worded(f"the {{force}} reaches {quantity(12.34, FORCE, '.3g')}")
+    'the torque reaches 12.3 N m'
+    >>> Quantities(LINEAR).worded(f"runs at {quantity((0.1, 0.25), VELOCITY)}")
+    'runs at 0.1 to 0.25 m/s'
+    """
+    numbers = list(si) if isinstance(si, Iterable) else [si]
+    return f"{{{':'.join(repr(float(number)) for number in numbers)} |{linear}|{digits}}}"
+
+
+def either(linear: str) -> str:
+    """Return a unit in words where it is not known what moves.
+
+    >>> either("m/s"), either("Pa")
+    ('m/s or rad/s', 'Pa')
+    """
+    return " or ".join(dict.fromkeys(Quantities(motion).unit(linear) for motion in (LINEAR, ROTARY)))
+
+
 @dataclass(frozen=True)
 class Quantities:
     """The units of one drive, and how its numbers are shown.
@@ -117,6 +142,10 @@ class Quantities:
     def si(self) -> "Quantities":
         """The same drive in SI units, whatever the reader chose."""
         return replace(self, shown=())
+
+    def of(self, motion: str) -> "Quantities":
+        """Return those of a drive of another motion, shown in the reader's units where they are of that motion."""
+        return Quantities(motion, tuple(unit for unit in self.shown if unit.motion == motion))
 
     @property
     def velocity(self) -> str:
@@ -183,6 +212,19 @@ class Quantities:
     def text(self, si: float, linear: str, digits: str = ".4g") -> str:
         """Return a number in SI units in words: the reader's number and its unit."""
         return f"{self.value(si, linear):{digits}} {self.unit(linear)}"
+
+    def worded(self, text: str) -> str:
+        """Return a text with its numbers (see `quantity`), `{force}` and `{mass}` in words."""
+        nouns = {"force": self.force_noun, "mass": self.mass_noun}
+
+        def told(match: re.Match[str]) -> str:
+            noun, numbers, unit, digits = match.groups()
+            if noun:
+                return nouns[noun]
+            shown = (f"{self.value(float(number), unit):{digits}}" for number in numbers.split(":"))
+            return f"{' to '.join(shown)} {self.unit(unit)}"
+
+        return _MEANT.sub(told, text)
 
     def range_text(self, ends: Iterable[float], linear: str, digits: str = ".4g") -> str:
         """Return an interval in words: [lowest, highest] and the unit."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from friction_estimator.core.intake.encoder import wraps_undone
+from friction_estimator.core.quantities import POSITION, VELOCITY, quantity
 from friction_estimator.core.sample import Floats, Ints
 from friction_estimator.diagnosis.record import FEWEST_BLOCKS, Record
 from friction_estimator.effects.features import Context
@@ -33,7 +34,7 @@ class Excitation:
     Attributes
     ----------
     cycles, reversals : counted. velocity_range : m/s. channels : recorded beyond the stamps.
-    warnings : in words. undecidable : True where no verdict can be given.
+    warnings : in words (see `Quantities.worded`). undecidable : True where no verdict can be given.
     notes : in words, what was repaired completely or set aside: it leaves the verdict alone.
     """
 
@@ -59,15 +60,15 @@ def assess(record: Record, context: Context) -> Excitation:
         )
     if min(np.mean(moving > 0.0), np.mean(moving < 0.0)) < ONE_SIDED:
         warnings.append(
-            "the shaft moves in one direction only: a bias of the force sensor cannot be told from the Coulomb level"
+            "the shaft moves in one direction only: a bias of the {force} sensor cannot be told from the Coulomb level"
         )
     levels = speed_levels(moving, record.recording[~record.standstill])
     if levels:
-        shown = " and ".join(f"{level:+.3g}" for level in levels)
+        shown = " and ".join(quantity(level, VELOCITY, "+.3g") for level in levels)
         warnings.append(
-            f"the shaft runs at {len(levels)} speeds only ({shown} m/s): two speeds do not identify the curve F(v)"
+            f"the shaft runs at {len(levels)} speeds only ({shown}): two speeds do not identify the curve F(v)"
             if len(levels) == 2
-            else f"the shaft runs at {len(levels)} speed only ({shown} m/s): one speed does not identify the curve F(v)"
+            else f"the shaft runs at {len(levels)} speed only ({shown}): one speed does not identify the curve F(v)"
         )
     # A trajectory with several strokes to a period covers unlike distances in unlike times.
     cycles_s = record.features.active_time_s[-1] / max(record.cycles, 1)
@@ -94,7 +95,9 @@ def notes(record: Record) -> list[str]:
     said: list[str] = []
     wraps = wraps_undone(record.samples)
     if wraps.count:
-        said.append(f"the position's encoder wrapped {wraps.count} times by {wraps.modulus_m:.4g} m; undone")
+        said.append(
+            f"the position's encoder wrapped {wraps.count} times by {quantity(wraps.modulus_m, POSITION)}; undone"
+        )
     f = record.features
     step = np.diff(f.time_s)
     broken = step[record.restart[1:] & (record.recording[1:] == record.recording[:-1])]
@@ -112,7 +115,7 @@ def notes(record: Record) -> list[str]:
     share = float(record.standstill.mean())
     if share > LEAST_STANDSTILL:
         said.append(
-            f"the shaft stands for {100.0 * share:.3g} % of the samples: their force is below breakaway "
+            f"the shaft stands for {100.0 * share:.3g} % of the samples: their {{force}} is below breakaway "
             "and no sample of F(v)"
         )
     return said

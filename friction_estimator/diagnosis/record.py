@@ -11,6 +11,7 @@ from friction_estimator.core.intake.periods import drive_periods, is_harmonic
 from friction_estimator.core.intake.standstill import standstill
 from friction_estimator.core.intake.strokes import reversal_speed, reversals
 from friction_estimator.core.metrics import spread
+from friction_estimator.core.quantities import FORCE
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Ints, Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import MARGIN, robust_top
@@ -114,6 +115,7 @@ class Record:
         longest = int(np.argmax(ends[:, 1] - ends[:, 0]))
         low, high = (float(end) for end in ends[longest])
         return Context(
+            motion=config.quantities.motion,
             duration_s=float(f.time_s[-1]),
             step_s=float(np.median(inside)),
             distance_m=float(f.distance_m[-1]),
@@ -191,8 +193,8 @@ def build_record(recordings: Sequence[Samples], config: Config) -> Record:
         raise UnanswerableError("the velocity never changes: a diagnosis needs strokes in both directions")
     if not spread(samples.friction_N) > 0.0:
         raise UnanswerableError(
-            f"friction is constant at {samples.friction_N[0]:g} N in all {len(samples)} samples: there is nothing to "
-            "explain; is it the right topic, axis or joint?"
+            f"friction is constant at {config.quantities.text(samples.friction_N[0], FORCE)} in all {len(samples)} "
+            "samples: there is nothing to explain; is it the right topic, axis or joint?"
         )
     return described(samples, number, config)
 

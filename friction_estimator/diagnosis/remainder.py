@@ -59,7 +59,7 @@ NAMES = {
     "time_s": "time",
     "distance_m": "distance run",
     "pressure_Pa": "pressure",
-    "force_N": "force",
+    "force_N": "{force}",
     "frequency": "frequency",
 }
 

@@ -3,41 +3,46 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from friction_estimator.core.quantities import FORCE, Quantities
 from friction_estimator.diagnosis.held_out import Gain
 from friction_estimator.diagnosis.result import NOTHING_FOUND, UNDECIDABLE, UNEXPLAINED, Diagnosis, Found
 from friction_estimator.effects.base import EFFECTS
 from friction_estimator.effects.detection import Fault
 
 SCHEMA = "friction_estimator/diagnosis/2"
-UNITS = {"velocity": "m/s", "friction": "N"}
 
 
 def as_json(
-    result: Diagnosis, bags: Sequence[str], figures: Mapping[str, str], extended_model: str | None
+    result: Diagnosis,
+    bags: Sequence[str],
+    figures: Mapping[str, str],
+    extended_model: str | None,
+    quantities: Quantities,
 ) -> dict[str, Any]:
     """Return the JSON of INTERFACE section 2.
 
     Parameters
     ----------
     bags : as they were given. figures : effect id -> file; missing ones become "". extended_model : file or None.
+    quantities : of the drive; the JSON is in SI units whatever the reader chose.
     """
-    excitation = result.excitation
+    q, excitation = quantities.si, result.excitation
     return {
         "schema": SCHEMA,
         "bags": list(bags),
-        "units": UNITS,
+        "units": q.names,
         "verdict": result.verdict,
         "excitation": {
             "cycles": excitation.cycles,
             "velocity_range": list(excitation.velocity_range),
             "reversals": excitation.reversals,
             "channels": list(excitation.channels),
-            "warnings": list(excitation.warnings),
-            "notes": list(excitation.notes),
+            "warnings": [q.worded(text) for text in excitation.warnings],
+            "notes": [q.worded(text) for text in excitation.notes],
         },
         "base": {"nrmse_holdout": result.nrmse_holdout, "noise_floor": result.noise_floor},
-        "faults": [_fault(fault, figures.get(fault.name, "")) for fault in result.faults],
-        "effects": [_effect(found, figures.get(found.name, "")) for found in result.effects],
+        "faults": [_fault(fault, figures.get(fault.name, ""), q) for fault in result.faults],
+        "effects": [_effect(found, figures.get(found.name, ""), q) for found in result.effects],
         "total_gain": _gain(result.total_gain),
         "traces": [{"name": trace.name, "share_percent": trace.share_percent} for trace in result.traces],
         "needs_channel": [{"name": name, "channel": channel} for name, channel in result.needs_channel],
@@ -46,29 +51,30 @@ def as_json(
     }
 
 
-def _fault(fault: Fault, figure: str) -> dict[str, Any]:
+def _fault(fault: Fault, figure: str, quantities: Quantities) -> dict[str, Any]:
     return {
         "name": fault.name,
-        "evidence": fault.evidence,
+        "evidence": quantities.worded(fault.evidence),
         "parameters": {
-            name: {"value": value, "unit": unit, "ci95": [low, high]}
+            name: {"value": value, "unit": quantities.unit(unit), "ci95": [low, high]}
             for name, (value, unit, low, high) in fault.parameters.items()
         },
-        "repaired": fault.repaired,
+        "repaired": quantities.worded(fault.repaired),
         "figure": figure,
     }
 
 
-def _effect(found: Found, figure: str) -> dict[str, Any]:
+def _effect(found: Found, figure: str, quantities: Quantities) -> dict[str, Any]:
     return {
         "name": found.name,
         "p_value": found.p_value,
         "parameters": {
-            name: {"value": e.value, "unit": e.unit, "ci95": [e.low, e.high]} for name, e in found.parameters.items()
+            name: {"value": e.value, "unit": quantities.unit(e.unit), "ci95": [e.low, e.high]}
+            for name, e in found.parameters.items()
         },
         "gain": _gain(found.gain),
         "indistinguishable_from": list(found.rivals),
-        "next_experiment": found.experiment,
+        "next_experiment": found.experiment and quantities.worded(found.experiment),
         "figure": figure,
     }
 
@@ -102,10 +108,12 @@ def judged_by(bags: Sequence[str], extended_model: str | None, config: str | Non
     ]
 
 
-def sentence(found: Found) -> str:
+def sentence(found: Found, quantities: Quantities) -> str:
     """Return what was found, in one or two sentences."""
     words = EFFECTS[found.name].words
-    values = ", ".join(_quantity(name, e.value, e.unit, e.low, e.high) for name, e in found.parameters.items())
+    values = ", ".join(
+        _quantity(quantities, name, e.value, e.unit, e.low, e.high) for name, e in found.parameters.items()
+    )
     text = f"{words.what[0].upper()}{words.what[1:]}: {values}. Seen in this: {found.evidence}."
     if found.gain is not None:
         text += f" {_gained(found.gain)}"
@@ -113,20 +121,21 @@ def sentence(found: Found) -> str:
         text += f" These data cannot tell it from {', '.join(found.rivals)}."
     if found.experiment:
         text += f" Next experiment: {found.experiment}."
-    return text
+    return quantities.worded(text)
 
 
-def fault_sentence(fault: Fault) -> str:
+def fault_sentence(fault: Fault, quantities: Quantities) -> str:
     """Return a fault of the data in a sentence or two."""
     words = EFFECTS[fault.name].words
-    values = ", ".join(_quantity(name, *quantity) for name, quantity in fault.parameters.items())
-    return (
-        f"{words.what[0].upper()}{words.what[1:]}: {values}. Seen in this: {fault.evidence}. Repair: {fault.repaired}."
-    )
+    values = ", ".join(_quantity(quantities, name, *value) for name, value in fault.parameters.items())
+    what = f"{words.what[0].upper()}{words.what[1:]}"
+    return quantities.worded(f"{what}: {values}. Seen in this: {fault.evidence}. Repair: {fault.repaired}.")
 
 
-def _quantity(name: str, value: float, unit: str, low: float, high: float) -> str:
-    return f"{name.replace('_', ' ')} {value:.4g}{' ' + unit if unit else ''} ({low:.4g} to {high:.4g})"
+def _quantity(quantities: Quantities, name: str, value: float, unit: str, low: float, high: float) -> str:
+    told, *ends = (f"{quantities.value(number, unit):.4g}" for number in (value, low, high))
+    noun = quantities.mass_noun if name == "mass" else name.replace("_", " ")
+    return f"{noun} {told} {quantities.unit(unit)}".rstrip() + f" ({' to '.join(ends)})"
 
 
 def _gained(gain: Gain) -> str:
@@ -137,8 +146,8 @@ def _gained(gain: Gain) -> str:
     )
 
 
-def sentences(result: Diagnosis) -> list[str]:
-    """Return the whole diagnosis in sentences."""
+def sentences(result: Diagnosis, quantities: Quantities) -> list[str]:
+    """Return the whole diagnosis in sentences, in the units of `quantities`."""
     lines = []
     error, floor = 100 * result.nrmse_holdout, 100 * result.noise_floor
     if result.verdict == UNDECIDABLE:
@@ -150,15 +159,15 @@ def sentences(result: Diagnosis) -> list[str]:
             f"{floor:.2f} %. {len(limits)} causes were tried."
         )
         if limits:
-            shown = "; ".join(f"{name} {value:.2g} N" for name, value in limits)
+            shown = "; ".join(f"{name} {quantities.text(value, FORCE, '.2g')}" for name, value in limits)
             lines.append(f"Changes larger than this (rms) would have been named: {shown}.")
     elif result.verdict == UNEXPLAINED:
         lines.append(
             f"Something is there that no name holds for: the base model leaves {error:.2f} % of the friction's spread, "
             f"and the noise alone is {floor:.2f} %."
         )
-    lines += [f"Data: {fault.name}: {fault_sentence(fault)}" for fault in result.faults]
-    lines += [f"{i}. {found.name}: {sentence(found)}" for i, found in enumerate(result.effects, 1)]
+    lines += [f"Data: {fault.name}: {fault_sentence(fault, quantities)}" for fault in result.faults]
+    lines += [f"{i}. {found.name}: {sentence(found, quantities)}" for i, found in enumerate(result.effects, 1)]
     if result.total_gain is not None:
         lines.append(f"All effects together: {_gained(result.total_gain)}")
     if result.effects or result.faults:
@@ -168,4 +177,4 @@ def sentences(result: Diagnosis) -> list[str]:
         lines.append(f"Traces, too small for a finding (share of the error power): {shown}.")
     lines += [f"{EFFECTS[n].words.what} may be the cause: record {c} to know" for n, c in result.needs_channel]
     lines += [f"Note: {text}." for text in (*result.excitation.warnings, *result.excitation.notes)]
-    return lines
+    return [quantities.worded(line) for line in lines]

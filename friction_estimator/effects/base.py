@@ -12,6 +12,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.quantities import Quantities, either
 from friction_estimator.core.registry import Registry
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.columns import Columns
@@ -23,7 +24,7 @@ from friction_estimator.effects.whole import StaticTables
 
 @dataclass(frozen=True)
 class Key:
-    """One parameter of an effect: name, unit, default, inclusive bounds and meaning."""
+    """One parameter of an effect: name, unit on a linear drive, default, inclusive bounds and meaning."""
 
     name: str
     unit: str
@@ -39,7 +40,7 @@ class Key:
         except (TypeError, ValueError):
             raise ConfigError(f"effect {effect}: {self.name}={value!r} is no number") from None
         if not math.isfinite(number) or not self.low <= number <= self.high:
-            unit = f" {self.unit}" if self.unit else ""
+            unit = f" {either(self.unit)}" if self.unit else ""
             raise ConfigError(
                 f"effect {effect}: {self.name}={number:g} is out of range [{self.low:g}, {self.high:g}]{unit}"
             )
@@ -56,7 +57,7 @@ def form_key(description: str) -> Key:
 
 @dataclass(frozen=True)
 class Words:
-    """What a test engineer should know of an effect.
+    """What a test engineer should know of an effect, in words that `Quantities.worded` completes.
 
     Attributes
     ----------
@@ -296,24 +297,25 @@ def parse_effect(text: str) -> Effect:
     return cls(size=size, **values)
 
 
-def list_effects() -> list[dict[str, Any]]:
+def list_effects(quantities: Quantities = Quantities()) -> list[dict[str, Any]]:  # noqa: B008 - frozen
     """Return the catalogue as plain data: name, family, stage, keys with unit and range, words."""
+    worded = quantities.worded
     return [
         {
             "name": cls.name,
             "family": cls.family,
             "stage": cls.stage,
-            "what": cls.words.what,
-            "where": cls.words.where,
-            "confused_with": dict(cls.words.confused_with),
+            "what": worded(cls.words.what),
+            "where": worded(cls.words.where),
+            "confused_with": {name: worded(text) for name, text in cls.words.confused_with.items()},
             "needs_channel": cls.channel or None,
             "keys": [
                 {
                     "name": key.name,
-                    "unit": key.unit,
+                    "unit": quantities.unit(key.unit),
                     "default": key.default,
                     "range": [key.low, key.high],
-                    "description": key.description,
+                    "description": worded(key.description),
                 }
                 for key in (*cls.keys, SIZE)
             ],

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from friction_estimator.core.intake.encoder import Encoder, wraps_undone
+from friction_estimator.core.quantities import POSITION, VELOCITY, quantity
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import Effect, Key, Words, effect, form_key
 from friction_estimator.effects.detection import COMPLETELY, DIVIDED, SMOOTHED, DataView, Fault
@@ -80,7 +81,7 @@ class WrappedPosition(Effect):
         span = wraps.modulus_m
         return Fault(
             cls.name,
-            f"the position jumped by {span:.4g} m while the shaft moved on",
+            f"the position jumped by {quantity(span, POSITION)} while the shaft moved on",
             {"modulus": (span, "m", span * (1.0 - WITHIN), span * (1.0 + WITHIN))},
             COMPLETELY,
             position_m=_unwrapped(shown, view, span),
@@ -227,7 +228,7 @@ class VelocityNoise(Effect):
             return None
         return Fault(
             cls.name,
-            f"the velocity scatters by {deviation:.3g} m/s from sample to sample",
+            f"the velocity scatters by {quantity(deviation, VELOCITY, '.3g')} from sample to sample",
             {"deviation": (deviation, "m/s", low, high)},
             SMOOTHED,
             velocity_m_s=smoothed(v, view.restart, SMOOTHING, 3),

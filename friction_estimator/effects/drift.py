@@ -6,6 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from friction_estimator.core.quantities import POSITION, quantity
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import SLOW, Effect, Key, Params, Words, chosen, effect, form_key
 from friction_estimator.effects.columns import Columns
@@ -31,7 +32,7 @@ class SensorDrift(Effect):
     size_key = "total"
     systematic: ClassVar[Mapping[str, float]] = {"total": 0.04}
     words = Words(
-        "the zero of the force sensor drifts",
+        "the zero of the {force} sensor drifts",
         "the mean residual of each cycle moves slowly with time",
         {
             "bias_step": "rest periods: read the zero in each of them",
@@ -163,7 +164,7 @@ class Wear(Effect):
     reveals = "distance_m"
     systematic: ClassVar[Mapping[str, float]] = {"change": 0.12, "length": 0.5}
     words = Words(
-        "the seal wears or runs in: the boundary (Coulomb) level changes with the distance run",
+        "the contact wears or runs in: the boundary (Coulomb) level changes with the distance run",
         "the low-speed plateau moves with distance, not with time, and stays after rest",
         {
             "viscosity_drift": "run the same time slower: wear follows the distance and stays after rest",
@@ -215,7 +216,7 @@ class Wear(Effect):
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
         """Beyond twice the distance run only its start is seen, and its end is invented."""
         if params["length"] > STRAIGHT * context.distance_m * (1.0 + 1e-6):
-            return f"its length of {params['length']:.3g} m is beyond twice the distance run"
+            return f"its length of {quantity(params['length'], POSITION, '.3g')} is beyond twice the distance run"
         return None
 
     refined = ("length",)

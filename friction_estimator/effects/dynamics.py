@@ -23,11 +23,11 @@ class Inertia(Effect):
     name = "inertia"
     family = "inertia"
     stage = "mechanics"
-    keys = (Key("mass", "kg", 1.0, 0.0, 1e6, "mass between load cell and seal"),)
+    keys = (Key("mass", "kg", 1.0, 0.0, 1e6, "{mass} between the sensor and the friction"),)
     size_key = "mass"
     reveals = "acceleration_m_s2"
     words = Words(
-        "the load cell also accelerates a mass",
+        "the {force} sensor also accelerates a {mass}",
         "the residual is proportional to the acceleration, so it falls with the square of the period",
         {
             "side_spring": "a second period or stroke: inertia grows with 1/T^2, a spring does not change",
@@ -81,11 +81,12 @@ class SideSpring(Effect):
     reveals = "position_m"
     systematic: ClassVar[Mapping[str, float]] = {"stiffness": 0.01}
     words = Words(
-        "something beside the seal is elastic (cable, hose, bellows), or pushes away from the middle (magnet, toggle)",
+        "something beside the friction is elastic (cable, hose, bellows), or pushes away from the middle "
+        "(magnet, toggle)",
         "the residual is proportional to the position, the same at every period",
         {
             "inertia": "a second period or stroke: a spring does not change, inertia grows with 1/T^2",
-            "viscoelastic_relaxation": "stop and hold: a spring keeps its force",
+            "viscoelastic_relaxation": "stop and hold: a spring keeps its {force}",
         },
     )
 
@@ -151,10 +152,10 @@ class ViscoelasticRelaxation(Effect):
     reveals = "position_m"
     systematic: ClassVar[Mapping[str, float]] = {"stiffness": 0.05, "time_constant": 0.08}
     words = Words(
-        "the seal's material relaxes (Maxwell element): an elastic force that fades",
-        "a force with a phase lead over position that depends on the period",
+        "the material relaxes (Maxwell element): an elastic {force} that fades",
+        "a {force} with a phase lead over position that depends on the period",
         {
-            "side_spring": "stop and hold: a relaxing force fades",
+            "side_spring": "stop and hold: a relaxing {force} fades",
             "inertia": "a second period",
         },
     )

@@ -28,6 +28,7 @@ class Context:
     periods_s : periods of the drive found, s.
     channels : recorded channels beyond velocity and friction.
     longest_piece_s : longest time without a gap, s; 0 where it is not known.
+    motion : "linear" or "rotary"; "" where it is not known.
     """
 
     duration_s: float
@@ -45,6 +46,7 @@ class Context:
     periods_s: tuple[float, ...] = ()
     channels: tuple[str, ...] = ()
     longest_piece_s: float = 0.0
+    motion: str = ""
 
 
 @dataclass(frozen=True)

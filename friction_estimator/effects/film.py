@@ -6,6 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from friction_estimator.core.quantities import VELOCITY, quantity
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import REVERSAL, Effect, Key, Params, Words, chosen, effect, form_key
 from friction_estimator.effects.columns import Columns
@@ -25,7 +26,7 @@ class SqueezeFilm(Effect):
     stage = "friction"
     acts = REVERSAL
     keys = (
-        Key("amplitude", "kg", 0.5, 0.0, 1e6, "A: force per acceleration at standstill"),
+        Key("amplitude", "kg", 0.5, 0.0, 1e6, "A: {force} per acceleration at standstill"),
         Key("speed", "m/s", 0.01, 1e-6, 1e3, "v_f: speed at which it has fallen to a half"),
         form_key("Gaussian in speed: exp(-ln 2 (v / v_f)^2)"),
     )
@@ -80,7 +81,7 @@ class SqueezeFilm(Effect):
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
         """Above the top speed it would act at every speed, and be inertia of the other sign."""
         if params["speed"] > context.top_speed_m_s:
-            return f"its speed of {params['speed']:.3g} m/s is above the largest of the drive"
+            return f"its speed of {quantity(params['speed'], VELOCITY, '.3g')} is above the largest of the drive"
         return None
 
     signs = (1,)

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from friction_estimator.core.quantities import POSITION, quantity
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.features import Context
 from friction_estimator.effects.kernels import RING
@@ -86,7 +87,7 @@ def lengths(context: Context, ratio: float = 2.0) -> Floats:
 def beyond_length(what: str, value_m: float, context: Context) -> str | None:
     """Return why a distance after a reversal cannot be told from this record, or None."""
     if value_m > BEYOND_LENGTH * context.stroke_m:
-        return f"its {what} of {value_m:.3g} m is longer than a quarter of the stroke"
+        return f"its {what} of {quantity(value_m, POSITION, '.3g')} is longer than a quarter of the stroke"
     return None
 
 

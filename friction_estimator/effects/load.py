@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from friction_estimator.core.model.load import LOADS
+from friction_estimator.core.quantities import LINEAR
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import Effect, Key, Params, Words, chosen, effect
 from friction_estimator.effects.columns import Columns
@@ -23,6 +24,11 @@ SIGN_SHARE = 60.0
 """The simulated friction turns its sign within the top speed over this, as in a record without a theory."""
 
 
+def _turns(context: Context) -> bool:
+    """Whether the shaft turns, and far enough."""
+    return context.motion != LINEAR and context.stroke_m >= LEAST_TURN_RAD
+
+
 @effect
 class Gravity(Effect):
     """m g l sin(q - q0)."""
@@ -31,7 +37,7 @@ class Gravity(Effect):
     family = "spring"
     stage = "mechanics"
     keys = (
-        Key("torque", "N m", 1.0, 0.0, 1e9, "largest torque of the weight, m g l"),
+        Key("torque", "N", 1.0, 0.0, 1e9, "largest torque of the weight, m g l"),
         Key("angle", "rad", 0.0, -math.pi, math.pi, "position at which the weight hangs straight down"),
     )
     size_key = "torque"
@@ -53,7 +59,7 @@ class Gravity(Effect):
     @classmethod
     def grid(cls, context: Context) -> list[dict[str, float]]:
         """Sine and cosine, where the shaft turns far enough."""
-        return [{}] if context.stroke_m >= LEAST_TURN_RAD else []
+        return [{}] if _turns(context) else []
 
     @classmethod
     def columns(cls, params: Params) -> Columns:  # noqa: ARG003
@@ -65,7 +71,7 @@ class Gravity(Effect):
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
         """Largest torque, and where the weight hangs."""
         sin, cos = (float(w) for w in weights)
-        return {"torque": (math.hypot(sin, cos), "N m"), "angle": (math.atan2(-cos, sin), "rad")}
+        return {"torque": (math.hypot(sin, cos), "N"), "angle": (math.atan2(-cos, sin), "rad")}
 
     signs = (0, 0)
 
@@ -79,7 +85,7 @@ class LoadDependence(Effect):
     stage = "friction"
     turns = True
     keys = (
-        Key("friction", "N m", 0.1, 0.0, 1e9, "friction that the largest load adds"),
+        Key("friction", "N", 0.1, 0.0, 1e9, "friction that the largest load adds"),
         Key("angle", "rad", 0.0, -math.pi, math.pi, "position at which the weight hangs straight down, without load"),
     )
     size_key = "friction"
@@ -102,7 +108,7 @@ class LoadDependence(Effect):
     def grid(cls, context: Context) -> list[dict[str, float]]:
         """Angles over half a turn, where the shaft turns far enough."""
         angles = np.pi * np.arange(ANGLES) / ANGLES
-        return chosen(angles, "angle") if context.stroke_m >= LEAST_TURN_RAD else []
+        return chosen(angles, "angle") if _turns(context) else []
 
     @classmethod
     def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
@@ -123,6 +129,6 @@ class LoadDependence(Effect):
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
         """Friction added by the largest load, and where there is none."""
-        return {"friction": (float(weights[0]), "N m"), "angle": (params["angle"], "rad")}
+        return {"friction": (float(weights[0]), "N"), "angle": (params["angle"], "rad")}
 
     signs = (1,)

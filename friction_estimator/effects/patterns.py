@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from friction_estimator.core.quantities import POSITION, quantity
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import Effect, Key, Params, Words, chosen, effect, form_key
 from friction_estimator.effects.columns import RECORDINGS, Columns, amplitudes, own_phases, several
@@ -26,7 +27,7 @@ class PositionDependence(Effect):
         Key("amplitude", "N", 0.3, 0.0, 1e6, "amplitude of the ripple"),
         Key("wavelength", "m", 5e-3, 1e-6, 100.0, "its wavelength"),
         Key("phase", "rad", 0.0, -10.0, 10.0, "its phase at position 0"),
-        form_key("modulates the friction instead of adding a force"),
+        form_key("modulates the friction instead of adding a {force}"),
     )
     size_key = "amplitude"
     reveals = "position_m"
@@ -86,7 +87,7 @@ class PositionDependence(Effect):
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
         """A wave that the stroke does not hold twice is a spring or a bend of the curve."""
         if params["wavelength"] > 0.5 * context.stroke_m * (1.0 + 1e-9):
-            return f"its wavelength of {params['wavelength']:.3g} m is longer than half the stroke"
+            return f"its wavelength of {quantity(params['wavelength'], POSITION, '.3g')} is longer than half the stroke"
         return None
 
     @classmethod

@@ -61,11 +61,11 @@ class Breakaway(Effect):
     turns = True
     systematic: ClassVar[Mapping[str, float]] = {"length": 0.1, "amplitude": 0.1}
     words = Words(
-        "the seal sticks while it rests: breaking away costs more force than running",
+        "the contact sticks while it rests: breaking away costs more {force} than running",
         "a positive spike just after each reversal, higher after a longer rest",
         {
-            "presliding": "the sign of the spike: breakaway adds force, presliding lacks it",
-            "frictional_lag": "vary the dwell at the reversal: only a breakaway force grows with it",
+            "presliding": "the sign of the spike: breakaway adds {force}, presliding lacks it",
+            "frictional_lag": "vary the dwell at the reversal: only a breakaway {force} grows with it",
             "squeeze_film": "vary the dwell at the reversal",
         },
     )
@@ -222,8 +222,8 @@ class Backlash(Effect):
     stage = "mechanics"
     acts = REVERSAL
     keys = (
-        Key("gap", "m", 2e-5, 0.0, 1.0, "play between drive and seal"),
-        Key("drag", "N", 0.0, 0.0, 1e6, "force lost in the open gap beyond the friction itself"),
+        Key("gap", "m", 2e-5, 0.0, 1.0, "play between drive and friction"),
+        Key("drag", "N", 0.0, 0.0, 1e6, "{force} lost in the open gap beyond the friction itself"),
         form_key("the last tenth of the gap closes softly"),
     )
     size_key = "gap"
@@ -231,7 +231,7 @@ class Backlash(Effect):
     reveals = "since_reversal_m"
     turns = True
     words = Words(
-        "play between drive and seal: after a reversal the seal stands until the gap is closed",
+        "play between drive and friction: after a reversal what rubs stands until the gap is closed",
         "a box in the residual over a fixed distance after each reversal",
         {
             "presliding": "the shape: a gap gives a box, bristles an exponential",
@@ -304,7 +304,7 @@ class StickSlip(Effect):
     # A saw-tooth has 0.82 of the rms of a sine of the same amplitude, and only the rms is measured.
     systematic: ClassVar[Mapping[str, float]] = {"amplitude": 0.2}
     words = Words(
-        "stick-slip: the seal chatters after reversals, differently each time",
+        "stick-slip: the contact chatters after reversals, differently each time",
         "residual variance is high at low speed after reversals and not repeatable from cycle to cycle",
         {"velocity_noise": "the variance does not follow (dF/dv)^2; look at the velocity channel's third difference"},
     )

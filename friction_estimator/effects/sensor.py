@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from friction_estimator.core.quantities import FORCE, quantity
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import Effect, Key, Params, Words, chosen, effect, form_key
 from friction_estimator.effects.columns import Columns
@@ -36,11 +37,11 @@ class SensorBias(Effect):
     name = "sensor_bias"
     family = "bias"
     stage = "sensor"
-    keys = (Key("bias", "N", 0.2, -1e6, 1e6, "constant added to the force"),)
+    keys = (Key("bias", "N", 0.2, -1e6, 1e6, "constant added to the {force}"),)
     size_key = "bias"
     reveals = "velocity_m_s"
     words = Words(
-        "the force sensor reads a constant too much or too little (f + b)",
+        "the {force} sensor reads a constant too much or too little (f + b)",
         "the mean residual is not zero, at standstill and at the reversals as well",
         {
             "direction_asymmetry": "look at the samples at standstill: a bias is there, an asymmetry is not",
@@ -82,7 +83,7 @@ class Saturation(Effect):
     detects_at = "force"
     figure = "histogram"
     keys = (
-        Key("level", "N", 5.0, 1e-9, 1e9, "largest force that the channel shows"),
+        Key("level", "N", 5.0, 1e-9, 1e9, "largest {force} that the channel shows"),
         form_key("soft: f (1 + (|f|/level)^8)^(-1/8), as an amplifier near its rail"),
     )
     size_key = "level"
@@ -90,10 +91,10 @@ class Saturation(Effect):
     reveals = "force_N"
     systematic: ClassVar[Mapping[str, float]] = {"level": 0.25}
     words = Words(
-        "the force channel clips: values beyond its range are cut",
-        "a flat top in the force, values pile up at one level",
+        "the {force} channel clips: values beyond its range are cut",
+        "a flat top in the {force}, values pile up at one level",
         {
-            "pressure_dependence": "look at the histogram of the force: clipping piles values up at one level",
+            "pressure_dependence": "look at the histogram of the {force}: clipping piles values up at one level",
             "direction_asymmetry": "widen the sensor's range",
         },
     )
@@ -113,10 +114,11 @@ class Saturation(Effect):
     @classmethod
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:
         """A level that the force never reaches clips nothing, and what goes on rising beyond it is not clipped."""
+        level = quantity(params["level"], FORCE, ".3g")
         if weights.size and weights[0] < LEAST_CUT:
-            return f"beyond {params['level']:.3g} N the force rises by {1.0 - weights[0]:.2g} of what it would"
+            return f"beyond {level} the {{force}} rises by {1.0 - weights[0]:.2g} of what it would"
         if params["level"] > context.force_top_N:
-            return f"its level of {params['level']:.3g} N is above every force of the model"
+            return f"its level of {level} is above every {{force}} of the model"
         return None
 
     @classmethod
@@ -146,7 +148,7 @@ class Saturation(Effect):
             if at.sum() >= FEWEST_TIES and runs >= FEWEST_RUNS and at.sum() > 4 * below:
                 return Fault(
                     cls.name,
-                    f"{int(at.sum())} samples lie exactly at the largest force, {level:.4g} N",
+                    f"{int(at.sum())} samples lie exactly at the largest {{force}}, {quantity(level, FORCE)}",
                     {"level": (level, "N", level * (1.0 - 1e-6) - width, level * (1.0 + 1e-6) + width)},
                     MASKED,
                     used=view.used & (np.abs(force) < level - ROUNDING * level),
@@ -180,8 +182,8 @@ class Quantization(Effect):
     linear = False
     reveals = "force_N"
     words = Words(
-        "the force is recorded in coarse steps",
-        "the force takes few distinct, equally spaced values",
+        "the {force} is recorded in coarse steps",
+        "the {force} takes few distinct, equally spaced values",
         {"dropout": "count how long values repeat: a lattice repeats values, a dropout repeats the last one"},
     )
 
@@ -205,7 +207,7 @@ class Quantization(Effect):
         cut = abs(abs(bias) - 0.5 * step) <= CUT * step
         return Fault(
             cls.name,
-            f"the force takes {np.unique(force).size} distinct values, {step:.4g} N apart",
+            f"the {{force}} takes {np.unique(force).size} distinct values, {quantity(step, FORCE)} apart",
             {"step": _with_unit(lattice_interval(force, step), "N")},
             NOT_REPAIRED,
             offset_N=float(np.sign(bias)) * 0.5 * step if cut else 0.0,

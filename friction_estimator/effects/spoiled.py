@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.stats import binom
 
+from friction_estimator.core.quantities import FORCE, quantity
 from friction_estimator.core.sample import Bools, Ints
 from friction_estimator.effects.base import Effect, Key, Words, effect, form_key
 from friction_estimator.effects.detection import MASKED, DataView, Fault
@@ -46,7 +47,7 @@ class Dropout(Effect):
     linear = False
     words = Words(
         "samples were lost and the last value was held",
-        "runs of exactly equal force values while the velocity moves on",
+        "runs of exactly equal {force} values while the velocity moves on",
         {"quantization": "count how long values repeat"},
     )
 
@@ -107,7 +108,7 @@ class Dropout(Effect):
         reach = 2.0 * float(np.sqrt(np.square(stop - start).sum())) / n
         return Fault(
             cls.name,
-            f"{start.size} runs of exactly equal force values while the shaft moves, {lost} samples in all",
+            f"{start.size} runs of exactly equal {{force}} values while the shaft moves, {lost} samples in all",
             {
                 "fraction": (share, "", max(0.0, share - reach), share + reach),
                 "length": (lost / start.size, "samples", *_mean_interval(stop - start)),
@@ -185,7 +186,7 @@ class Outliers(Effect):
         spread = 2.0 * float(np.sqrt(count)) / residual.size
         return Fault(
             cls.name,
-            f"{count} isolated spikes of about {height:.3g} N",
+            f"{count} isolated spikes of about {quantity(height, FORCE, '.3g')}",
             {
                 "amplitude": (height, "N", height - reach, height + reach),
                 "fraction": (share, "", max(0.0, share - spread), share + spread),

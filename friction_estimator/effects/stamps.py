@@ -155,9 +155,9 @@ class StampOffset(Effect):
     size_key = "offset"
     linear = False
     words = Words(
-        "force and velocity are stamped by clocks that differ by a constant",
+        "{force} and velocity are stamped by clocks that differ by a constant",
         "nearest stamps of the two topics differ by the same time throughout",
-        {"time_delay": "read the stamps: a delayed force has the right stamps"},
+        {"time_delay": "read the stamps: a delayed {force} has the right stamps"},
     )
 
     def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:  # noqa: ARG002

@@ -114,7 +114,7 @@ class PressureDependence(Effect):
         "recordings at different pressures are shifted against each other",
         {
             "gain_step": "randomise the order of the pressures, and come back to the first",
-            "saturation": "look at the histogram of the force",
+            "saturation": "look at the histogram of the {force}",
             "wear": "randomise the order of the pressures",
             "sensor_drift": "randomise the order of the pressures",
         },

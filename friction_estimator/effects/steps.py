@@ -76,7 +76,7 @@ class BiasStep(Step):
     )
     systematic: ClassVar[Mapping[str, float]] = {"step": 0.01, "at": 0.005}
     words = Words(
-        "the zero of the force sensor jumped (it was re-zeroed or knocked)",
+        "the zero of the {force} sensor jumped (it was re-zeroed or knocked)",
         "the mean residual of the cycles jumps once",
         {
             "sensor_drift": "the change point: look at single cycles around it",
@@ -109,11 +109,11 @@ class GainStep(Step):
     turns = True
     systematic: ClassVar[Mapping[str, float]] = {"step": 0.02, "at": 0.005}
     words = Words(
-        "friction jumped as a whole (seal damaged, sensor's gain changed)",
+        "friction jumped as a whole (something damaged, sensor's gain changed)",
         "the amplitude of the cycles jumps once",
         {
             "wear": "a longer recording: a step happens once",
-            "pressure_dependence": "return to the first pressure: a damaged seal does not recover",
+            "pressure_dependence": "return to the first pressure: what is damaged does not recover",
         },
     )
 

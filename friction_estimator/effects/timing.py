@@ -47,11 +47,11 @@ class TimeDelay(Timing):
     """f(t - D)."""
 
     name = "time_delay"
-    keys = (Key("delay", "s", 1e-3, 0.0, 1.0, "delay of the force behind the velocity"),)
+    keys = (Key("delay", "s", 1e-3, 0.0, 1.0, "delay of the {force} behind the velocity"),)
     size_key = "delay"
     systematic: ClassVar[Mapping[str, float]] = {"delay": 0.03}
     words = Words(
-        "the force is late: delay of the channel, or stamps taken on arrival",
+        "the {force} is late: delay of the channel, or stamps taken on arrival",
         "a spike after each reversal that lasts as long at every speed of the drive (e ~ df/dt)",
         {
             "sensor_lowpass": "a sharp step: a delay shifts it, a filter rounds it",
@@ -114,7 +114,7 @@ class SensorLowpass(Timing):
     size_key = "time_constant"
     systematic: ClassVar[Mapping[str, float]] = {"time_constant": 0.3}
     words = Words(
-        "the force channel is low-pass filtered",
+        "the {force} channel is low-pass filtered",
         "reversals are smeared over the same time at every speed of the drive",
         {
             "time_delay": "a sharp step: a filter rounds it, a delay shifts it",
@@ -186,16 +186,16 @@ class VelocityDelay(Timing):
 
     name = "velocity_delay"
     keys = (
-        Key("delay", "s", 1e-3, 0.0, 1.0, "delay of the velocity channel behind the force"),
+        Key("delay", "s", 1e-3, 0.0, 1.0, "delay of the velocity channel behind the {force}"),
         form_key("a first-order filter of the velocity instead of a delay"),
     )
     size_key = "delay"
     systematic: ClassVar[Mapping[str, float]] = {"delay": 0.03}
     words = Words(
-        "the velocity is late: a filter or a delay of its channel, so that the force is ahead of it",
+        "the velocity is late: a filter or a delay of its channel, so that the {force} is ahead of it",
         "friction changes its sign before the velocity does, by the same time at every speed of the drive",
         {
-            "breakaway": "two periods: a late channel is the same time, a breakaway force the same distance",
+            "breakaway": "two periods: a late channel is the same time, a breakaway {force} the same distance",
             "inertia": "a second period: inertia grows with 1/T^2 at every speed, a late velocity shows at reversals",
         },
     )

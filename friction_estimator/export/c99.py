@@ -47,6 +47,8 @@ class C99Header:
             "COMMENT": "\n".join(f" * {line.replace('*/', '* /')}" for line in comment),
             "name": NAME,
             "GUARD": NAME.upper(),
+            "VELOCITY": learned.quantities.velocity,
+            "FORCE": learned.quantities.force,
             "RATE": "the rate of the recording" if rate is None else f"{1.0 / rate:.6g} Hz",
             **_basis(learned),
             **_filters(learned),
@@ -66,7 +68,7 @@ def _plain(value: Any) -> str:
 
 
 def _basis(learned: Learned) -> dict[str, Any]:
-    """Return what evaluates g(v), in newton."""
+    """Return what evaluates g(v), in newton or newton metre."""
     model = learned.estimator.model
     basis = model.basis
     assert isinstance(basis, WaveletBasis)

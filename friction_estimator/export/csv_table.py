@@ -4,10 +4,14 @@ from typing import ClassVar
 
 import numpy as np
 
+from friction_estimator.core.quantities import LINEAR, ROTARY
 from friction_estimator.export.formats import FORMATS, Exported
 from friction_estimator.export.learned import Learned
 
-HEAD = "velocity_m_s,friction_N,low_N,high_N"
+HEADS = {
+    LINEAR: "velocity_m_s,friction_N,low_N,high_N",
+    ROTARY: "velocity_rad_s,friction_N_m,low_N_m,high_N_m",
+}
 
 
 @FORMATS.named("csv")
@@ -28,7 +32,11 @@ class CsvTable:
             *learned.cost(error),
         ]
         rows = zip(curve.velocity_m_s, curve.friction_N, curve.low_N, curve.high_N, strict=True)
-        lines = [*(f"# {line}" for line in comment), HEAD, *(",".join(map(_cell, row)) for row in rows)]
+        lines = [
+            *(f"# {line}" for line in comment),
+            HEADS[learned.quantities.motion],
+            *(",".join(map(_cell, row)) for row in rows),
+        ]
         return Exported("\n".join(lines) + "\n", error)
 
 

@@ -12,6 +12,7 @@ from friction_estimator.core.fit.band import Curve
 from friction_estimator.core.intake.standstill import standstill
 from friction_estimator.core.model.structure import Extension, Parameters
 from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.core.quantities import FORCE, Quantities
 from friction_estimator.core.sample import Bools, Floats, Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.text import LONGEST_NAME, shown
@@ -53,6 +54,11 @@ class Learned:
     def name(self) -> str:
         """`source` for the text of an export: printable, in one line."""
         return shown(self.source, LONGEST_NAME)
+
+    @property
+    def quantities(self) -> Quantities:
+        """What the drive's numbers are."""
+        return self.config.quantities
 
     @property
     def recording_names(self) -> str:
@@ -120,8 +126,9 @@ class Learned:
             return ["Error on a recording: not measured (none was given)."]
         whole = self.error_rms_N(self.predicted_N)
         spread = metrics.spread(self.samples.friction_N[self.judged])
+        told = self.quantities.text
         return [
             f"Error over {int(np.count_nonzero(self.judged))} samples in motion of {self.recording_names}, rms:",
-            f"this file {error_rms_N:.4g} N, the whole model without learning {whole:.4g} N; "
-            f"friction itself varies by {spread:.4g} N.",
+            f"this file {told(error_rms_N, FORCE)}, the whole model without learning {told(whole, FORCE)}; "
+            f"friction itself varies by {told(spread, FORCE)}.",
         ]

@@ -14,6 +14,7 @@ from friction_estimator.export.simplified import Interval, curve_with_intervals
 SCHEMA = "friction_estimator/export/1"
 
 _UNITS = (("_N_s_m", "N s/m"), ("_m_s", "m/s"), ("_N", "N"), ("_exponent", "1"))
+"""How the names of parameters end, and the unit of these on a linear drive."""
 _DIRECTIONS = {"positive": "_pos_", "negative": "_neg_"}
 
 
@@ -36,18 +37,18 @@ class ParametersJson:
             "schema": SCHEMA,
             "model": learned.source,
             "recordings": list(learned.recordings),
-            "units": {"velocity": "m/s", "friction": "N"},
+            "units": learned.quantities.names,
             "conditions": {"pressure_Pa": curve.pressure_Pa, "temperature_degC": curve.temperature_degC},
             "directions": {
                 "formula": "f = s (coulomb + stribeck exp(-|v / stribeck_velocity|^exponent)) + viscous v, "
                 "s = tanh(v / width)",
-                **{way: _named(each_way, part) for way, part in _DIRECTIONS.items()},
-                "shared": {name: _json(name, value) for name, value in each_way.items() if "_N" not in name},
+                **{way: _named(learned, each_way, part) for way, part in _DIRECTIONS.items()},
+                "shared": {name: _json(learned, name, value) for name, value in each_way.items() if "_N" not in name},
                 "error_rms_N": error,
             },
             "coulomb_viscous": {
                 "formula": "f = offset + coulomb tanh(v / width) + viscous v",
-                **{name: _json(name, value) for name, value in both_ways.items()},
+                **{name: _json(learned, name, value) for name, value in both_ways.items()},
                 "error_rms_N": learned.error_rms_N(both.evaluate(velocity)),
             },
             "model_error_rms_N": learned.error_rms_N(learned.predicted_N),
@@ -58,11 +59,11 @@ class ParametersJson:
         return Exported(json.dumps(document, indent=2, allow_nan=False) + "\n", error)
 
 
-def _named(parameters: Mapping[str, Interval], part: str) -> dict[str, Any]:
+def _named(learned: Learned, parameters: Mapping[str, Interval], part: str) -> dict[str, Any]:
     """Return the parameters of one direction, without the direction in their names."""
-    return {name.replace(part, "_"): _json(name, value) for name, value in parameters.items() if part in name}
+    return {name.replace(part, "_"): _json(learned, name, value) for name, value in parameters.items() if part in name}
 
 
-def _json(name: str, interval: Interval) -> dict[str, Any]:
-    unit = next(unit for ending, unit in _UNITS if name.endswith(ending))
+def _json(learned: Learned, name: str, interval: Interval) -> dict[str, Any]:
+    unit = learned.quantities.unit(next(unit for ending, unit in _UNITS if name.endswith(ending)))
     return {"value": interval.value, "unit": unit, "ci95": [interval.low, interval.high]}

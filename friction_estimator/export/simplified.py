@@ -10,6 +10,7 @@ from scipy.stats import t as student
 
 from friction_estimator.core.errors import UnanswerableError
 from friction_estimator.core.fit.baselines import BASELINES, Shape, StaticCurve, fit_baselines
+from friction_estimator.core.quantities import FORCE
 from friction_estimator.core.sample import Floats
 from friction_estimator.export.learned import Learned
 
@@ -115,20 +116,22 @@ class CoulombViscous:
         if not self.error_rms_N > TOO_SIMPLE * static:
             return []
         falls = " (friction falls with speed here)" if self.viscous_N_s_m == 0.0 else ""
+        errs = learned.quantities.text(static, FORCE)
         return [
-            f"TOO SIMPLE for this drive{falls}: the learned static curve errs by {static:.4g} N.",
+            f"TOO SIMPLE for this drive{falls}: the learned static curve errs by {errs}.",
             "Where the simulator can take a look-up table, use that of format csv or the code of format c.",
         ]
 
     def comment(self, learned: Learned, *usage: str) -> str:
         """Return the XML comment of a robot description: source, error, what it leaves out, and how to use it."""
+        q = learned.quantities
         lines = [
             f"Friction learned by friction_estimator, from {learned.name}.",
             *learned.cost(self.error_rms_N),
-            f"Left out: an offset of {self.offset_N:.4g} N, whatever differs between the directions, "
-            "the dip of Stribeck,",
-            "and all memory.",
+            f"Left out: an offset of {q.text(self.offset_N, FORCE)}, whatever differs between the directions, the dip",
+            "of Stribeck, and all memory.",
             *self.advice(learned),
+            f"Coulomb friction is in {q.force}, damping in {q.unit('N s/m')}.",
             *usage,
         ]
         text = "\n     ".join(line.replace("--", "- -") for line in lines)  # all that XML forbids in a comment

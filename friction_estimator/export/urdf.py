@@ -21,7 +21,7 @@ class UrdfDynamics:
         comment = found.comment(
             learned,
             "Put the element into a <joint>. `friction` is the Coulomb level; simulators differ in what they make",
-            "of it, and forces that a controller commands may bypass it.",
+            "of it, and what a controller commands may bypass it.",
         )
         element = f'<dynamics damping="{found.viscous_N_s_m!r}" friction="{found.coulomb_N!r}"/>'
         return Exported(f"{comment}{element}\n", found.error_rms_N)

@@ -15,6 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from friction_estimator.core import metrics
 from friction_estimator.core.fit.band import Curve
 from friction_estimator.core.online.replay import Replay
+from friction_estimator.core.quantities import FORCE, VELOCITY, Quantities
 from friction_estimator.core.sample import Bools, Floats, Samples
 from friction_estimator.report import style
 
@@ -31,12 +32,17 @@ FIGURES = ("signals", "convergence", "friction_map", "taps")
 """Names of the files that `write_figures` writes."""
 
 
-def write_figures(replay: Replay, folder: str | os.PathLike[str]) -> list[tuple[Path, str]]:
-    """Draw every figure of a replay into `folder`; return (file, caption) in the order of reading."""
-    place = Path(folder)
+def write_figures(
+    replay: Replay, folder: str | os.PathLike[str], quantities: Quantities | None = None
+) -> list[tuple[Path, str]]:
+    """Draw every figure of a replay into `folder`; return (file, caption) in the order of reading.
+
+    `quantities` says how numbers are shown; in SI units unless given.
+    """
+    place, q = Path(folder), quantities or replay.config.quantities
     return [
         (
-            style.save(signals(replay), place / "signals.png"),
+            style.save(signals(replay, q), place / "signals.png"),
             "Start and end of what was replayed: velocity, measured and predicted friction, and what is left. "
             "Every prediction was made before its measurement was used.",
         ),
@@ -46,7 +52,7 @@ def write_figures(replay: Replay, folder: str | os.PathLike[str]) -> list[tuple[
             "friction stays as it was one sample ago, and the theoretical curve alone.",
         ),
         (
-            style.save(friction_map(replay), place / "friction_map.png"),
+            style.save(friction_map(replay, q), place / "friction_map.png"),
             "Friction at constant velocity as it was learned, with its 95 % band, over the measured friction (the "
             "darker, the more samples). Dashed and grey: what no data support. Beside it Coulomb and viscous friction "
             "fitted to the same samples.",
@@ -58,31 +64,34 @@ def write_figures(replay: Replay, folder: str | os.PathLike[str]) -> list[tuple[
     ]
 
 
-def signals(replay: Replay) -> Figure:
+def signals(replay: Replay, quantities: Quantities) -> Figure:
     """Velocity, friction and residual in the first and the last cycles."""
     samples, n = replay.samples, len(replay.samples)
+    speed, force = quantities.value(1.0, VELOCITY), quantities.value(1.0, FORCE)
     first, last = (_excerpt_length(samples[part]) for part in (replay.parts[0], replay.parts[-1]))
     figure = Figure(figsize=(10, 6))
     axes = figure.subplots(3, 2, sharex="col", sharey="row")
     for column, (part, title) in enumerate(((slice(0, first), "start"), (slice(n - last, n), "end"))):
         time = replay.time_s[part]
         thin = slice(None, None, max(1, time.size // SHOWN_SAMPLES))
-        axes[0, column].plot(time[thin], samples.velocity_m_s[part][thin], color=style.THEORY)
-        axes[1, column].plot(time[thin], samples.friction_N[part][thin], color=style.MEASURED, lw=2.4, label="measured")
-        axes[1, column].plot(
-            time[thin], replay.predicted_N[part][thin], color=style.PREDICTED, label="predicted", lw=0.9
+        axes[0, column].plot(time[thin], speed * samples.velocity_m_s[part][thin], color=style.THEORY)
+        measured, predicted, residual = (
+            force * values[part][thin] for values in (samples.friction_N, replay.predicted_N, replay.residual_N)
         )
-        axes[2, column].plot(time[thin], replay.residual_N[part][thin], color=style.RESIDUAL, lw=0.7)
+        axes[1, column].plot(time[thin], measured, color=style.MEASURED, lw=2.4, label="measured")
+        axes[1, column].plot(time[thin], predicted, color=style.PREDICTED, label="predicted", lw=0.9)
+        axes[2, column].plot(time[thin], residual, color=style.RESIDUAL, lw=0.7)
         axes[0, column].set_title(f"{title} of the record")
         axes[2, column].set_xlabel("time (s)")
         # A start-up transient must not flatten everything else.
     reach = 1.15 * _usual_size(samples.friction_N)
-    axes[1, 0].set_ylim(-reach, reach)
+    axes[1, 0].set_ylim(-force * reach, force * reach)
     error_reach = 4.0 * float(np.sqrt(np.mean(np.square(np.clip(replay.residual_N, -reach, reach)))))
     if error_reach > 0.0:
-        axes[2, 0].set_ylim(-error_reach, error_reach)
-    for row, label in enumerate(("velocity (m/s)", "friction (N)", "measured - predicted (N)")):
-        axes[row, 0].set_ylabel(label)
+        axes[2, 0].set_ylim(-force * error_reach, force * error_reach)
+    labels = {"velocity": quantities.velocity, "friction": quantities.force, "measured - predicted": quantities.force}
+    for row, (name, unit) in enumerate(labels.items()):
+        axes[row, 0].set_ylabel(f"{name} ({unit})")
     axes[1, 1].legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2, borderaxespad=0.0)
     figure.align_ylabels(axes[:, 0])
     return figure
@@ -135,19 +144,21 @@ def _cycles_before(replay: Replay) -> list[int]:
     return [sum(counts[:k]) for k in range(1, len(counts))]
 
 
-def friction_map(replay: Replay) -> Figure:
+def friction_map(replay: Replay, quantities: Quantities) -> Figure:
     """Friction against velocity: the learned curve with its band over the measured samples, beside its rivals."""
     samples = replay.samples
     curve = replay.outlook
     v = curve.velocity_m_s
+    speed, force = quantities.value(1.0, VELOCITY), quantities.value(1.0, FORCE)
     figure = Figure(figsize=(10, 5.0))
     axes = figure.subplots()
-    reach = 1.2 * _usual_size(samples.friction_N)
-    low, high = min(v[0], samples.velocity_m_s.min()), max(v[-1], samples.velocity_m_s.max())
+    measured = speed * samples.velocity_m_s, force * samples.friction_N
+    reach = 1.2 * _usual_size(measured[1])
+    low, high = min(speed * v[0], measured[0].min()), max(speed * v[-1], measured[0].max())
     margin = 0.02 * (high - low) or 1e-3
     axes.set_xlim(low - margin, high + margin)
     axes.set_ylim(-reach, reach)
-    handles: list[Artist] = [_density(axes, samples, (low - margin, high + margin), reach)]
+    handles: list[Artist] = [_density(axes, *measured, (low - margin, high + margin), reach)]
     supported = _supported(curve, replay.curve)
     for where, colour, alpha, label in (
         (supported, style.LEARNED, 0.22, "95 % band"),
@@ -157,38 +168,48 @@ def friction_map(replay: Replay) -> Figure:
             shown = _reaching(where)
             handles.append(
                 axes.fill_between(
-                    v, curve.low_N, curve.high_N, where=shown, color=colour, alpha=alpha, lw=0.0, zorder=2, label=label
+                    speed * v,
+                    force * curve.low_N,
+                    force * curve.high_N,
+                    where=shown,
+                    color=colour,
+                    alpha=alpha,
+                    lw=0.0,
+                    zorder=2,
+                    label=label,
                 )
             )
     theory = _theory(replay, v, curve)
     if theory is not None:
-        handles += axes.plot(v, theory, ":", color=style.THEORY, lw=1.4, label="theoretical curve", zorder=3)
+        theory = force * theory
+        handles += axes.plot(speed * v, theory, ":", color=style.THEORY, lw=1.4, label="theoretical curve", zorder=3)
     if "coulomb_viscous" in replay.baseline_curves:
-        known = replay.baseline_curves["coulomb_viscous"].evaluate(v)
-        handles += axes.plot(v, known, color=style.ACCENT, lw=0.9, label="Coulomb and viscous, fitted", zorder=4)
+        known = force * replay.baseline_curves["coulomb_viscous"].evaluate(v)
+        label = "Coulomb and viscous, fitted"
+        handles += axes.plot(speed * v, known, color=style.ACCENT, lw=0.9, label=label, zorder=4)
     for where, colour, dash, label in (
         (supported, style.LEARNED, "-", "learned"),
         (~supported, style.UNSUPPORTED, "--", "learned, no data"),
     ):
         if where.any():
-            line = np.where(_reaching(where), curve.friction_N, np.nan)
-            handles += axes.plot(v, line, dash, color=colour, lw=1.6, label=label, zorder=5)
-    axes.set_xlabel("velocity (m/s)")
-    axes.set_ylabel("friction (N)")
+            line = np.where(_reaching(where), force * curve.friction_N, np.nan)
+            handles += axes.plot(speed * v, line, dash, color=colour, lw=1.6, label=label, zorder=5)
+    axes.set_xlabel(f"velocity ({quantities.velocity})")
+    axes.set_ylabel(f"friction ({quantities.force})")
     axes.set_title(_conditions(replay, curve))
     axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure
 
 
-def _density(axes: Axes, samples: Samples, span: tuple[float, float], reach: float) -> Patch:
-    """Draw how many samples lie where, the more the darker; return what stands for them in the legend."""
-    seen = (np.abs(samples.friction_N) <= reach) & np.isfinite(samples.velocity_m_s)
+def _density(axes: Axes, velocity: Floats, friction: Floats, span: tuple[float, float], reach: float) -> Patch:
+    """Draw how many samples, (n,) each, lie where, the more the darker; return what stands for them in the legend."""
+    seen = (np.abs(friction) <= reach) & np.isfinite(velocity)
     across, along = DENSITY_CELLS
-    fewer = min(1.0, max(0.5, np.sqrt(len(samples) / 20_000)))
+    fewer = min(1.0, max(0.5, np.sqrt(velocity.size / 20_000)))
     cells = (int(across * fewer), int(along * fewer))
     count, x, y = np.histogram2d(
-        samples.velocity_m_s[seen],
-        samples.friction_N[seen],
+        velocity[seen],
+        friction[seen],
         bins=cells,
         range=(span, (-reach, reach)),
     )

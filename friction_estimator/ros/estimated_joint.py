@@ -12,6 +12,7 @@ from friction_estimator.core.errors import ConfigError, FrictionEstimatorError, 
 from friction_estimator.core.fit.band import Curve
 from friction_estimator.core.model.structure import Parameters
 from friction_estimator.core.online.estimator import CHOSEN, Estimator, stated_config
+from friction_estimator.core.quantities import FORCE, VELOCITY, Quantities
 from friction_estimator.core.settings.config import PARAMETERS, Config
 from friction_estimator.core.settings.units import MOTION_S, REVERSALS
 from friction_estimator.ros.build import build, supposed, without_learned
@@ -52,15 +53,17 @@ class EstimatedJoint:
     ----------
     config : in force; the parameters, with the learned values that this joint was given.
     notes : lasting facts worth a warning level in diagnostics, by their key.
+    quantities : what the drive's numbers are.
     """
 
     def __init__(self, node: Node, config: Config, load: Load, on_backlog: Callable[[], None]) -> None:
         self._log = node.get_logger()
         self.config, self._configured = config, config.learned
         self.notes: dict[str, str] = {}
+        self.quantities = config.quantities
         self._snapshot: tuple[float, Config | None] = (0.0, None)
         self._inputs: Inputs | None = None
-        self.outputs = Outputs(node, config.input.axis)
+        self.outputs = Outputs(node, config.input.axis, self.quantities.motion)
         for fault in self.outputs.faults:
             self._log.error(fault)
             self.notes["outputs"] = "; ".join(self.outputs.faults)
@@ -68,6 +71,11 @@ class EstimatedJoint:
         self._on_backlog = on_backlog
         self.stream = SampleStream(config, self._met, self._publish, load)
         self.stream.on_backlog = on_backlog
+
+    def move(self, motion: str) -> None:
+        """Take that the drive is linear or rotary."""
+        self.quantities = Quantities(motion)
+        self.outputs.set_axis(self.config.input.axis, motion)
 
     def connect(self, inputs: Inputs) -> None:
         """Be fed by these inputs from now on."""
@@ -150,7 +158,7 @@ class EstimatedJoint:
         told = f"first contact ended, {self.stream.held_back} samples waited"
         if self.stream.dropped:
             told += f" and {self.stream.dropped} before them were let go"
-        self._log.info(f"{told}: {_units_of(config)}; ~/reset forgets that")
+        self._log.info(f"{told}: {_units_of(config, self.quantities)}; ~/reset forgets that")
         self._on_backlog()
         return estimator
 
@@ -165,7 +173,7 @@ class EstimatedJoint:
         estimator = build(stated_config(self.config, state))
         estimator.restore(state)
         self.stream.go_on(estimator)
-        self._log.info(f"no first contact needed: {_units_of(estimator.config)}")
+        self._log.info(f"no first contact needed: {_units_of(estimator.config, self.quantities)}")
         self._on_backlog()
         return estimator
 
@@ -292,7 +300,7 @@ class EstimatedJoint:
         if groups & {"input", "sync"}:
             self.stream.retune(self.config)
         if "input" in groups:
-            self.outputs.set_axis(self.config.input.axis)
+            self.outputs.set_axis(self.config.input.axis, self.quantities.motion)
         if "publish" in groups:
             self.outputs.parameters_at_once()
         if "state" in groups:
@@ -315,7 +323,7 @@ class EstimatedJoint:
         return replace(present, **values)
 
 
-def _units_of(config: Config) -> str:
+def _units_of(config: Config, quantities: Quantities) -> str:
     """Return range and unit of a configuration in words."""
-    low, high = config.reach or (0.0, 0.0)
-    return f"velocity range [{low:.5g}, {high:.5g}] m/s, force unit {config.unit_N:.5g} N"
+    reach = quantities.range_text(config.reach or (0.0, 0.0), VELOCITY, ".5g")
+    return f"velocity range {reach}, force unit {quantities.text(config.unit_N, FORCE, '.5g')}"

@@ -9,7 +9,9 @@ from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import SetBool, Trigger
 
 from friction_estimator.core.errors import ConfigError, FrictionEstimatorError, sentence
+from friction_estimator.core.quantities import Quantities
 from friction_estimator.core.settings.config import PARAMETERS, Config
+from friction_estimator.core.settings.groups import AUTO
 from friction_estimator.core.settings.setting import Value
 from friction_estimator.core.text import shown
 from friction_estimator.ros.arguments import beside_its_file
@@ -44,6 +46,7 @@ class EstimatorNode(ConfiguredNode):
 
     def __init__(self, files: Sequence[Path] = ()) -> None:
         self._files = files
+        self._found = ""
         super().__init__(NAME)
         self.health = Health(self)
         self._enabled = True
@@ -78,9 +81,16 @@ class EstimatorNode(ConfiguredNode):
         return self._joint
 
     def _open_inputs(self) -> Inputs:
-        inputs = Inputs(self, self.config.input, self.joint.stream.event, self.health.exception)
+        inputs = Inputs(self, self.config.input, self.joint.stream.event, self.health.exception, self._moves)
         self.joint.connect(inputs)
         return inputs
+
+    def _moves(self, motion: str, why: str) -> None:
+        """Take that the drive is linear or rotary."""
+        self._found = motion
+        self.joint.move(motion)
+        self.describe_units(Quantities(motion))
+        self.get_logger().info(f"the drive is {motion}: {why}")
 
     # --- timers ------------------------------------------------------------------------------------------------
 
@@ -98,7 +108,7 @@ class EstimatorNode(ConfiguredNode):
         try:
             with self.health.load.other_work():
                 curve = self.joint.look()
-                self.health.tick(self.config, self._inputs.sources, self.joint, self._enabled, curve)
+                self.health.tick(self.config, self._inputs, self.joint, self._enabled, curve)
         except Exception as error:
             self.health.exception("diagnostics", error)
 
@@ -147,6 +157,8 @@ class EstimatorNode(ConfiguredNode):
 
     def get_parameter(self, name: str) -> RosParameter:
         """Return a parameter; learned ones are read from the estimator when asked for, without any event."""
+        if name == "input.motion" and self.config.input.motion == AUTO and self._found:
+            return to_ros(PARAMETERS[name], self._found)  # a dump must not leave it to the next start's first messages
         if name not in LEARNED:
             return super().get_parameter(name)
         item = PARAMETERS[name]

@@ -7,6 +7,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from friction_estimator.core.fit.band import Curve
 from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.core.quantities import Quantities
 from friction_estimator.ros.estimated_joint import STILL_NEEDED, EstimatedJoint
 from friction_estimator.ros.growth import Growth
 from friction_estimator.ros.load import Account
@@ -51,7 +52,7 @@ class EstimatorStatus:
         curve : the present static curve, at any velocities over its range.
         notes : the node's own, beside the joint's.
         """
-        stream = self._joint.stream
+        stream, quantities = self._joint.stream, self._joint.quantities
         level, words = DiagnosticStatus.OK, "learning" if stream.learn else "predicting, not learning"
         values: dict[str, Any] = {"samples per second": f"{samples / span_s:.1f}", "predictions": stream.predictions}
         values["samples lost"] = stream.lost
@@ -67,18 +68,20 @@ class EstimatorStatus:
         values["arrival to prediction max (ms)"] = f"{account.longest_ms:.3f}"
         if stream.estimator is not None:
             health = stream.estimator.health
-            values |= _account(stream.estimator, curve)
+            values |= _account(stream.estimator, curve, quantities)
             if stream.predictions:
-                values["velocity seen (m/s)"] = _interval(stream.velocity_seen)
+                values[f"velocity seen ({quantities.velocity})"] = _interval(stream.velocity_seen)
             if health.held:
                 level = DiagnosticStatus.WARN
                 words = f"learning held since {health.held} samples: bad data, or friction has changed"
             outside, grown = self._growth.of("outside", health.outside), self._growth.of("grown", health.grown)
             if grown:
-                self._logger.info(f"speeds beyond the range: it is {_reach(stream.estimator)} m/s now")
+                self._logger.info(
+                    f"speeds beyond the range: it is {_reach(stream.estimator)} {quantities.velocity} now"
+                )
             elif outside:
                 level = DiagnosticStatus.WARN
-                words = f"velocity outside {_reach(stream.estimator)} m/s: nothing is learned there"
+                words = f"velocity outside {_reach(stream.estimator)} {quantities.velocity}: nothing is learned there"
             if self._growth.of("guarded", health.guarded):
                 level, words = DiagnosticStatus.WARN, "the divergence guard held a step back"
             if stream.working_off:
@@ -105,14 +108,14 @@ class EstimatorStatus:
         return level, words, values
 
 
-def _account(estimator: Estimator, curve: Curve | None) -> dict[str, Any]:
+def _account(estimator: Estimator, curve: Curve | None, quantities: Quantities) -> dict[str, Any]:
     """Return what the estimator says about itself."""
     health, config = estimator.health, estimator.config
     given, unit = config.basis.velocity_range, config.force_unit
     values = {
         "model": config.model.type,
         "law": config.model.law,
-        "running error rms (N)": f"{health.error_rms_N:.6g}",
+        f"running error rms ({quantities.force})": f"{health.error_rms_N:.6g}",
         "learned from": health.learned,
         "divergence guard": health.guarded,
         "outliers clipped": health.clipped,
@@ -121,16 +124,16 @@ def _account(estimator: Estimator, curve: Curve | None) -> dict[str, Any]:
         "learning held since (samples)": health.held,
         "outside velocity range": health.outside,
         "at standstill, not learned from": health.stood,
-        "velocity range (m/s)": _reach(estimator),
+        f"velocity range ({quantities.velocity})": _reach(estimator),
         "velocity range is": "configured" if given else "learned: chosen at first contact, it grows",
         "velocity range grown (times)": health.grown,
-        "force unit (N)": f"{config.unit_N:g}",
+        f"force unit ({quantities.force})": f"{config.unit_N:g}",
         "force unit is": "configured" if unit else "learned: chosen at first contact",
     }
-    return values | _learned_part(curve)
+    return values | _learned_part(curve, quantities)
 
 
-def _learned_part(curve: Curve | None) -> dict[str, Any]:
+def _learned_part(curve: Curve | None, quantities: Quantities) -> dict[str, Any]:
     """Return which part of the velocity range the data have decided on."""
     key = "learned part of the velocity range"
     if curve is None or curve.learned_share is None:
@@ -139,7 +142,8 @@ def _learned_part(curve: Curve | None) -> dict[str, Any]:
     if not known.any():
         return {key: "0 %"}
     where = curve.velocity_m_s[known]
-    return {key: f"{100.0 * known.mean():.0f} %", "learned velocities (m/s)": _interval((where[0], where[-1]))}
+    extent = {f"learned velocities ({quantities.velocity})": _interval((where[0], where[-1]))}
+    return {key: f"{100.0 * known.mean():.0f} %"} | extent
 
 
 def _reach(estimator: Estimator) -> str:

@@ -16,7 +16,7 @@ from friction_estimator.ros.estimator_status import EstimatorStatus
 from friction_estimator.ros.growth import Growth
 from friction_estimator.ros.input_status import InputStatus
 from friction_estimator.ros.load import Load
-from friction_estimator.ros.sources import Source
+from friction_estimator.ros.sources import Inputs
 
 
 class Health:
@@ -53,9 +53,7 @@ class Health:
         """Start a new grace period (other topics, estimator enabled again)."""
         self._inputs.changed()
 
-    def tick(
-        self, config: Config, sources: Mapping[str, Source], joint: EstimatedJoint, enabled: bool, curve: Curve | None
-    ) -> None:
+    def tick(self, config: Config, inputs: Inputs, joint: EstimatedJoint, enabled: bool, curve: Curve | None) -> None:
         """Publish diagnostics and log what is newly wrong.
 
         Parameters
@@ -69,7 +67,7 @@ class Health:
             self.notes["float64"] = "messages without stamps: paired by time of receipt"
         else:
             self.notes.pop("float64", None)
-        inputs = self._inputs.look(config, sources, joint.stream, enabled, span)
+        account = self._inputs.look(config, inputs, joint.stream, enabled, span)
         if self._estimate is None:
             self._estimate = EstimatorStatus(joint, self._node.get_logger())
         level, words, values = self._estimate.look(self._inputs.samples, span, self.load.look(), curve, self.notes)
@@ -80,7 +78,7 @@ class Health:
             level, words = DiagnosticStatus.ERROR, self.last_exception
         message = DiagnosticArray()
         message.header.stamp = self._node.get_clock().now().to_msg()
-        message.status = [self._status("inputs", *inputs), self._status("estimator", level, words, values)]
+        message.status = [self._status("inputs", *account), self._status("estimator", level, words, values)]
         self._publisher.publish(message)
 
     def _status(self, part: str, level: bytes, words: str, values: Mapping[str, Any]) -> DiagnosticStatus:

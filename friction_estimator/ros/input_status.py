@@ -10,8 +10,8 @@ from rclpy.node import Node
 from friction_estimator.core.sample import NS_PER_S
 from friction_estimator.core.settings.config import Config
 from friction_estimator.ros.growth import Growth
-from friction_estimator.ros.silence import Finding, Findings, explain, stamp_offset_s
-from friction_estimator.ros.sources import Source
+from friction_estimator.ros.silence import Finding, Findings, explain, motion_findings, stamp_offset_s
+from friction_estimator.ros.sources import Inputs, Source
 from friction_estimator.ros.stream import SampleStream
 
 GRACE_S = 2.0
@@ -49,9 +49,10 @@ class InputStatus:
         self._since = time.monotonic()
 
     def look(
-        self, config: Config, sources: Mapping[str, Source], stream: SampleStream, enabled: bool, span_s: float
+        self, config: Config, inputs: Inputs, stream: SampleStream, enabled: bool, span_s: float
     ) -> tuple[bytes, str, dict[str, Any]]:
         """Return level, words and values; the last look was `span_s` ago."""
+        sources = inputs.sources
         self._stood_still = STOOD_STILL_LOOKS if span_s > 1.0 + LATE_S else max(0, self._stood_still - 1)
         stream.flush()
         for source in sources.values():
@@ -68,11 +69,13 @@ class InputStatus:
         if enabled and time.monotonic() - self._since > GRACE_S:
             findings = list(explain(self._node, config, sources, arrived, rejects, self.samples))
             findings += self._clock_findings()
+            findings += motion_findings(inputs)
         ages = {name: source.looked_at() for name, source in sources.items()}
         self._findings.update(findings)
 
         rates = {name: count / span_s for name, count in arrived.items()}
         values = self._values(sources, rates, ages)
+        values["motion"] = f"{inputs.motion.known or 'not known'}: {inputs.motion.why}"
         values |= {f"rejected: {reason}": count for reason, count in sorted(counts.items())}
         values |= {"gaps": gaps, "clock jumps back": jumps}
         values |= {"waiting velocity, friction": f"{stream.intake.pairer.waiting}"}

@@ -13,6 +13,7 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from friction_estimator.core.fit.band import Curve
 from friction_estimator.core.model.structure import Parameters
+from friction_estimator.core.quantities import LINEAR, ROTARY
 from friction_estimator.core.sample import Floats
 from friction_estimator.core.text import shown
 from friction_estimator.ros.quality import output_qos, with_overrides
@@ -41,10 +42,10 @@ class Outputs:
     Parameters
     ----------
     node : owner of the publishers.
-    axis : name of the force axis.
+    axis, motion : along or about which friction acts.
     """
 
-    def __init__(self, node: Node, axis: str) -> None:
+    def __init__(self, node: Node, axis: str, motion: str = LINEAR) -> None:
         self.faults: list[str] = []
         """Why outputs are not published."""
 
@@ -66,11 +67,11 @@ class Outputs:
         self._arrays = {name: publisher(Float64MultiArray, f"~/parameters/{name}", 10) for name in ARRAYS}
         self._parameters_due = 0.0
         self.published = 0
-        self.set_axis(axis)
+        self.set_axis(axis, motion)
 
-    def set_axis(self, axis: str) -> None:
-        """Publish the force on this axis."""
-        self._writer = WrenchWriter("xyz".index(axis))
+    def set_axis(self, axis: str, motion: str) -> None:
+        """Publish friction as the force along this axis, or, of a rotary drive, as the torque about it."""
+        self._writer = WrenchWriter("xyz".index(axis) + (3 if motion == ROTARY else 0))
 
     def sample(self, stamp_ns: int, frame: bytes, predicted_N: float, friction_N: float, stddev_N: float) -> None:
         """Publish the prediction of one sample, its residual and its standard deviation."""

@@ -19,6 +19,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from friction_estimator.core.errors import ConfigError, sentence
+from friction_estimator.core.quantities import Quantities
 from friction_estimator.core.settings.config import PARAMETERS, RETIRED, Config, parameter, retired
 from friction_estimator.core.settings.setting import Parameter, Value
 from friction_estimator.core.text import shown
@@ -39,11 +40,14 @@ def is_ros_own(name: str) -> bool:
     return name in _ROS_OWN or name.startswith("qos_overrides.")
 
 
-def descriptor(item: Parameter) -> ParameterDescriptor:
-    """Return what the parameter services tell about a setting: type, range, unit, choices, when it acts."""
+def descriptor(item: Parameter, quantities: Quantities | None = None) -> ParameterDescriptor:
+    """Return what the parameter services tell about a setting: type, range, unit, choices, when it acts.
+
+    `quantities` are the drive's; None where it is not known what moves.
+    """
     notes = []
     if item.unit:
-        notes.append(f"unit: {item.unit}")
+        notes.append(f"unit: {item.units if quantities is None else item.unit_in(quantities)}")
     if item.choices:
         notes.append(f"one of: {', '.join(item.choices)}")
     if item.is_array:
@@ -148,6 +152,14 @@ class ConfiguredNode(Node):  # type: ignore[misc]
             self.declare_parameter(item.name, value.value if value.value != [] else dummy, descriptor(item), True)
         if empty:
             super().set_parameters_atomically(empty)
+
+    def describe_units(self, quantities: Quantities) -> None:
+        """Let the descriptors say the units of this drive."""
+        for item in PARAMETERS.values():
+            if item.of_drive:
+                declared = self.describe_parameter(item.name)  # rclpy has put the type into it
+                declared.additional_constraints = descriptor(item, quantities).additional_constraints
+                self.set_descriptor(item.name, declared)
 
     def get_logger(self) -> SafeLogger:
         """Return the node's logger; whatever it is given becomes one safe line."""

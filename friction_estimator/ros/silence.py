@@ -18,7 +18,7 @@ from sensor_msgs.msg import JointState
 from friction_estimator.core.sample import NS_PER_S
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.text import LONGEST_NAME, shown
-from friction_estimator.ros.sources import Source, type_name
+from friction_estimator.ros.sources import Inputs, Source, type_name
 from friction_estimator.ros.wire import frame_id
 
 REPEAT_S = 60.0
@@ -228,6 +228,13 @@ def _content(config: Config, source: Source, messages: int) -> Iterator[Finding]
             f"{source.topic}: expected frame {_quoted(source.first_frame)} as in the first message, "
             f"seen {_quoted(source.strange_frame)}; do two sensors publish on it?",
         )
+
+
+def motion_findings(inputs: Inputs) -> list[Finding]:
+    """Return that the drive moves in the other way than was assumed."""
+    velocity = inputs.sources.get("velocity")
+    told = inputs.motion.contrary(velocity.last) if velocity is not None else ""
+    return [Finding("velocity: other motion", f"{velocity.topic}: {told}")] if velocity is not None and told else []
 
 
 def _quoted(frame: bytes) -> str:

@@ -23,6 +23,7 @@ from friction_estimator.core.intake.rhythm import Rhythm
 from friction_estimator.core.sample import NS_PER_S
 from friction_estimator.core.settings.groups import InputConfig
 from friction_estimator.core.text import LONGEST_NAME, shown
+from friction_estimator.ros.motion import Motion, Told
 from friction_estimator.ros.quality import input_qos, with_overrides
 from friction_estimator.ros.receipt import ReceiptPairing
 from friction_estimator.ros.wire import NO_FRAME, frame_in
@@ -71,6 +72,7 @@ class Source:
     fault : why the topic cannot be subscribed to; empty where it is.
     frame : serialised frame_id of the last message; `first_frame` of the first.
     strange_frame : one that differed from the first, lately; else empty.
+    last : the last message, as it came.
     absence : why the last message without a sample held none.
     """
 
@@ -84,6 +86,7 @@ class Source:
         self.recent: deque[int] = deque(maxlen=REMEMBERED)
         self.rhythm, self.missing, self.fault = Rhythm(), 0, ""
         self._read: Callable[[bytes], None] | None = None
+        self.last = b""
         self._heard, self._heard_at = 0, 0.0
         self.frame = self.first_frame = b""
         self.absence = ""
@@ -192,8 +195,13 @@ class Source:
             self.strange_frame, self._strange_at = frame, time.monotonic()
 
     def _receive(self, raw: bytes) -> None:
-        """Count a message and survive whatever it provokes."""
+        """Count a message and read it."""
         self.messages += 1
+        self.last = raw
+        self.read(raw)
+
+    def read(self, raw: bytes) -> None:
+        """Read a message and survive whatever it provokes."""
         try:
             self._read(raw)  # type: ignore[misc] # set before the topic is open
         except NoValueError as error:
@@ -214,6 +222,7 @@ class Inputs:
     config : mode, axis and joint.
     deliver : takes the events.
     on_error : takes exceptions.
+    on_motion : takes whether the drive is linear or rotary, and why, as soon as it is known.
     """
 
     def __init__(
@@ -222,12 +231,27 @@ class Inputs:
         config: InputConfig,
         deliver: Deliver,
         on_error: Callable[[str, Exception], None],
+        on_motion: Told = lambda motion, why: None,  # noqa: ARG005
     ) -> None:
         self._node, self._config, self._deliver, self._on_error = node, config, deliver, on_error
+        self.motion = Motion(node, on_motion)
+        """Whether the drive is linear or rotary."""
         self.frame = NO_FRAME
         """Serialised frame of the last friction message."""
         self.sources: dict[str, Source] = {}
+        self.motion.configure(config)
         self._open()
+
+    def _wait(self, source: Source, raw: bytes) -> None:
+        """Let a message wait until it is known what moves; then read all that waited."""
+        self.motion.wait(source.name, raw, source.read)
+        if self.motion.known:
+            self._open()
+            self._read_what_waited()
+
+    def _read_what_waited(self) -> None:
+        for read, raw in self.motion.released():
+            read(raw)
 
     def _open(self) -> None:
         """Read every input as the configuration says; what is open stays open."""
@@ -246,10 +270,12 @@ class Inputs:
     def reconfigure(self, config: InputConfig) -> None:
         """Read by other settings from now on; only a change of the mode closes topics and opens others."""
         former, self._config = self._config, config
+        self.motion.configure(config)
         if config.mode != former.mode:
             for name in [name for name, source in self.sources.items() if source.required]:
                 self.sources.pop(name).close()
         self._open()
+        self._read_what_waited()
 
     @property
     def depth(self) -> int:
@@ -258,6 +284,7 @@ class Inputs:
 
     def close(self) -> None:
         """Close all subscriptions."""
+        self.motion.close()
         for source in self.sources.values():
             source.close()
 
@@ -267,11 +294,14 @@ class Inputs:
         return self.sources[name]
 
     def _decoder(self, kind: type, quantity: str) -> Decoder:
-        want = Want(quantity, self._config.axis, self._config.joint)
+        want = Want(quantity, self._config.axis, self._config.joint, self.motion.known)
         return Decoder(EXTRACTORS[type_name(kind)], want)
 
     def _stamped(self, name: str, kind: type, *, required: bool = False) -> None:
         source = self._source(name, kind, required=required)
+        if required and not self.motion.known:
+            source.subscribe(lambda raw: self._wait(source, raw))
+            return
         decoder, deliver, stream = self._decoder(kind, name), self._deliver, STREAMS.index(name)
         remember = source.stamps.append
         # The usual message has the length and the frame of the one before: two comparisons and one unpacking.
@@ -304,7 +334,8 @@ class Inputs:
 
     def _joint_states(self) -> None:
         source = self._source("joint_states", JointState, required=True)
-        read_velocity = self._decoder(JointState, "velocity").one
+        velocities = self._decoder(JointState, "velocity")
+        read_velocity = velocities.one
         read_effort = self._decoder(JointState, "friction").one
         read_position = self._decoder(JointState, "position").one
         deliver, remember = self._deliver, source.stamps.append
@@ -316,6 +347,7 @@ class Inputs:
             if frame != source.frame:
                 source.seen(frame)
                 self.frame = frame
+                self.motion.joint_is(min(velocities.joints, default=""))
             remember(stamp_ns)  # type: ignore[arg-type]
             with suppress(NoValueError):
                 deliver(POSITION, stamp_ns, read_position(raw)[1])  # type: ignore[arg-type]

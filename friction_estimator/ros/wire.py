@@ -35,15 +35,15 @@ def frame_id(frame: bytes) -> str:
 
 
 class WrenchWriter:
-    """Writes a serialised WrenchStamped with one force component.
+    """Writes a serialised WrenchStamped with one component that is not zero.
 
     Parameters
     ----------
-    axis : 0, 1 or 2 for force.x, .y, .z.
+    component : 0, 1 or 2 for force.x, .y, .z; 3, 4 or 5 for torque.x, .y, .z.
     """
 
-    def __init__(self, axis: int) -> None:
-        self._axis = axis
+    def __init__(self, component: int) -> None:
+        self._component = component
         self._frame = b""
         self._padded = b""
         self._struct = struct.Struct("<")
@@ -54,7 +54,7 @@ class WrenchWriter:
             # CDR aligns float64 to 8 bytes, counted from behind the encapsulation.
             padding = -(_FRAME_AT - len(_ENCAPSULATION) + len(frame)) % 8
             self._frame, self._padded = frame, frame + bytes(padding)
-            before, after = 8 * self._axis, 40 - 8 * self._axis
+            before, after = 8 * self._component, 40 - 8 * self._component
             self._struct = struct.Struct(f"<4siI{len(self._padded)}s{before}xd{after}x")
         seconds, nanoseconds = divmod(stamp_ns, _NS)
         return self._struct.pack(_ENCAPSULATION, seconds, nanoseconds, self._padded, force_N)

@@ -218,10 +218,10 @@ class WaveletBasis:
         self._config, self._scale_m_s = config, scale
         covered = reach or config.velocity_range
         if not covered:
-            raise ConfigError("basis.velocity_range is empty: give [lowest, highest] in m/s")
+            raise ConfigError("basis.velocity_range is empty: give [lowest, highest]")
         self.reach = self.low, self.high = float(covered[0]), float(covered[1])
         if not self.low < self.high:
-            raise ConfigError(f"velocities [{self.low:g}, {self.high:g}] m/s are no range to cover")
+            raise ConfigError(f"velocities [{self.low:g}, {self.high:g}] are no range to cover")
         given = config.velocity_range
         low, high = (given[0], given[1]) if given else (-(scale or 0.0), scale or 0.0)
         low, high = (low, high) if low < high else self.reach
@@ -241,8 +241,8 @@ class WaveletBasis:
         counts = highest - lowest + 1
         if not counts.sum() <= LARGEST_BASIS:  # before they are integers, which hold no more than 64 bits
             raise ConfigError(
-                f"the velocities {list(self.reach)} m/s hold {counts.sum():g} functions of "
-                f"{self.unit:g} m/s units, more than {LARGEST_BASIS}: set a larger basis.velocity_unit or finest_level"
+                f"the velocities {list(self.reach)} hold {counts.sum():g} functions of "
+                f"units of {self.unit:g}, more than {LARGEST_BASIS}: set a larger basis.velocity_unit or finest_level"
             )
         lowest, highest, counts = (bound.astype(np.int64) for bound in (lowest, highest, counts))
         starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
@@ -365,5 +365,5 @@ def basis_from_config(config: Config) -> Basis:
     Raises ConfigError where neither is there.
     """
     if config.reach is None:
-        raise ConfigError("basis.velocity_range is empty and no first contact was made: give [lowest, highest] in m/s")
+        raise ConfigError("basis.velocity_range is empty and no first contact was made: give [lowest, highest]")
     return BASES[config.basis.wavelet](config.basis, config.reach, config.velocity_scale)

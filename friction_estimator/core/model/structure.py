@@ -126,7 +126,8 @@ class Model:
     def __init__(self, config: Config, extension: Extension | None = None) -> None:
         if not config.unit_N > 0.0:
             raise ConfigError(
-                "force_unit is 0 and no first contact was made: give the expected rms of the friction in N"
+                "force_unit is 0 and no first contact was made: give the expected rms of the friction "
+                f"in {config.quantities.force}"
             )
         self.config = config
         self.unit_N = config.unit_N

@@ -20,6 +20,7 @@ from friction_estimator.core.fit.load_report import LearnedLoad
 from friction_estimator.core.model.structure import Extension, Model, Parameters
 from friction_estimator.core.online.estimator import Estimator, Health
 from friction_estimator.core.online.first_contact import Contact, meet
+from friction_estimator.core.quantities import FORCE, Quantities
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Samples
 from friction_estimator.core.settings.config import Config
 
@@ -162,8 +163,8 @@ class Replay:
             )
         if not metrics.spread(samples.friction_N[scored]) > 0.0:
             raise UnanswerableError(
-                f"{name}: friction is constant at {samples.friction_N[scored][0]:g} N in all {count} samples: there is "
-                "nothing to judge by; is it the right topic, axis or joint?"
+                f"{name}: friction is constant at {self.config.quantities.text(samples.friction_N[scored][0], FORCE)} "
+                f"in all {count} samples: there is nothing to judge by; is it the right topic, axis or joint?"
             )
         predicted = predict(samples, config, self.parameters, extension)
         theory = None if self.theory_N is None else self.estimator.model.theoretical_friction(samples)
@@ -189,7 +190,7 @@ class Replay:
             "theory_nrmse": theory,
             "diverged": bool(not np.isfinite(predicted).all() or end_rms > DIVERGED * metrics.spread(measured)),
             "samples_per_second": len(self.samples) / self.seconds if self.seconds > 0.0 else None,
-            "units": {"velocity": "m/s", "friction": "N"},
+            "units": self.config.quantities.names,
             "baselines": None if frozen is None else frozen.baselines,
             "curve": self.curve,
             "load": list(self.loads),
@@ -231,7 +232,7 @@ def replay(
     UnanswerableError : fewer than two samples, or constant friction.
     ConfigError : `freeze_after` outside [0, 1].
     """
-    check_answerable(samples)
+    check_answerable(samples, config.quantities)
     contact = meet(config, samples)
     config, samples = contact.config, samples[contact.dropped :]
     starts = [max(0, start - contact.dropped) for start in starts]
@@ -295,14 +296,14 @@ def curves_of(source: Estimator | BatchFit, samples: Samples, learned: Bools) ->
     return curve, source.curve(known, wide)
 
 
-def check_answerable(samples: Samples) -> None:
+def check_answerable(samples: Samples, quantities: Quantities) -> None:
     """Raise UnanswerableError where no figure of merit exists: fewer than two samples, or constant friction."""
     if len(samples) < 2:
         raise UnanswerableError(f"{len(samples)} usable samples: at least two are needed")
     if not metrics.spread(samples.friction_N) > 0.0:
         raise UnanswerableError(
-            f"friction is constant at {samples.friction_N[0]:g} N in all {len(samples)} samples: there is nothing to "
-            "predict; is it the right topic, axis or joint?"
+            f"friction is constant at {quantities.text(samples.friction_N[0], FORCE)} in all {len(samples)} samples: "
+            "there is nothing to predict; is it the right topic, axis or joint?"
         )
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, cast, get_args, get_origin, get_type_hints
 
 from friction_estimator.core.errors import ConfigError
-from friction_estimator.core.quantities import LINEAR, ROTARY, Quantities
+from friction_estimator.core.quantities import Quantities, either
 from friction_estimator.core.text import LONGEST_NAME, shown
 
 LONGEST_TEXT = 4096
@@ -91,7 +91,7 @@ class Parameter:
     @property
     def units(self) -> str:
         """Unit in words where it is not known what moves, such as "m/s or rad/s"; empty where there is none."""
-        return " or ".join(dict.fromkeys(self.unit_in(Quantities(motion)) for motion in (LINEAR, ROTARY)))
+        return either(self.unit) if self.of_drive else self.unit
 
     def unit_in(self, quantities: Quantities) -> str:
         """Return the unit where the drive has these quantities."""
