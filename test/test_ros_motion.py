@@ -15,6 +15,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from ros_graph import NS, Feeder, await_, force, motion
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+from test_ros_node import feed
 
 from friction_estimator.core.intake import pairing
 from friction_estimator.core.intake.admission import Intake
@@ -82,9 +83,9 @@ def test_a_rotary_drive_needs_no_configuration(graph):
     heard = graph.hear(WrenchStamped, PREDICTED, raw=True)
     feeder.matched()
     graph.heard_by(PREDICTED)
+    statuses(graph, lambda v: v.get("motion", "").startswith("not known"))
     stamps, velocity, friction = turning(1500)
-    for sample in zip(stamps.tolist(), velocity.tolist(), friction.tolist(), strict=True):
-        feeder.pair(*sample)
+    feed(feeder, stamps, velocity, friction)
     await_(lambda: len(heard) == stamps.size, "a prediction for every sample")
     assert [force(raw)[0] for raw in heard] == stamps.tolist()
     np.testing.assert_array_equal(
@@ -108,9 +109,9 @@ def test_a_linear_drive_says_nothing_of_angles(graph):
     heard = graph.hear(WrenchStamped, PREDICTED, raw=True)
     feeder.matched()
     graph.heard_by(PREDICTED)
+    statuses(graph, lambda v: v.get("motion", "").startswith("not known"))
     stamps, velocity, friction = motion(300, 1000.0)
-    for sample in zip(stamps.tolist(), velocity.tolist(), friction.tolist(), strict=True):
-        feeder.pair(*sample)
+    feed(feeder, stamps, velocity, friction)
     await_(lambda: len(heard) == stamps.size, "a prediction for every sample")
     words, values = statuses(graph, lambda v: v.get("predictions") == str(stamps.size))
     assert values["motion"].startswith("linear: twist.linear.x")
@@ -132,6 +133,7 @@ def test_a_robot_description_decides_for_a_joint(graph):
     graph.matched("/joint_states")
     heard = graph.hear(WrenchStamped, PREDICTED)
     graph.heard_by(PREDICTED)
+    statuses(graph, lambda v: v.get("motion", "").startswith("rotary"))
     publisher.publish(joint_state(NS, 0.1, 5.0))
     publisher.publish(joint_state(NS + NS // 100, 0.1, 5.0))
     await_(lambda: len(heard) == 2, "predictions")
