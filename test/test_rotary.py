@@ -84,7 +84,7 @@ def test_what_is_said_has_the_units_of_the_drive(told):
     for text in (words, *plain, *files):
         found = strange.search(text.replace(str(folder), ""))
         assert found is None, text[max(0, found.start() - 80) : found.end() + 40]
-    own = "N m" if motion == ROTARY else " N"
+    own = "N m" if motion == ROTARY else "N"
     assert all(own in text for text in (words, *plain, *files))
 
 
