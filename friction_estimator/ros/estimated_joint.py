@@ -186,12 +186,14 @@ class EstimatedJoint:
 
     # --- what comes out ----------------------------------------------------------------------------------------
 
-    def _publish(self, stamp_ns: int, predicted_N: float, friction_N: float, stddev_N: float) -> None:
+    def _publish(
+        self, stamp_ns: int, velocity_m_s: float, predicted_N: float, friction_N: float, stddev_N: float
+    ) -> None:
         frame = self._inputs.frame if self._inputs is not None else NO_FRAME
-        self.outputs.sample(stamp_ns, frame, predicted_N, friction_N, stddev_N)
+        self.outputs.sample(stamp_ns, frame, velocity_m_s, predicted_N, friction_N, stddev_N)
         estimator = self.stream.estimator
         if self.outputs.parameters_due(self.config.publish.parameters_rate) and estimator is not None:
-            self.outputs.parameters(estimator.parameters)
+            self.outputs.parameters(estimator.parameters, stamp_ns)
 
     def look(self) -> Curve | None:
         """Save the state where it is time to; return the static curve, published where somebody listens.
@@ -255,6 +257,7 @@ class EstimatedJoint:
     def close(self) -> None:
         """Save the state; the last act."""
         self.keeper.close(self.stream.estimator)
+        self.outputs.close()
 
     # --- parameters --------------------------------------------------------------------------------------------
 

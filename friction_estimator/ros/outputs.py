@@ -9,13 +9,15 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from friction_estimator.core.fit.band import Curve
 from friction_estimator.core.model.structure import Parameters
 from friction_estimator.core.quantities import LINEAR, ROTARY
-from friction_estimator.core.sample import Floats
+from friction_estimator.core.sample import NS_PER_S, Floats
 from friction_estimator.core.text import shown
+from friction_estimator.ros.monitor import Monitor
 from friction_estimator.ros.quality import output_qos, with_overrides
 from friction_estimator.ros.wire import WrenchWriter
 
@@ -65,6 +67,8 @@ class Outputs:
         self._stddev = publisher(WrenchStamped, "~/friction_stddev", 1000)
         self._curve = publisher(Float64MultiArray, "~/friction_curve", 1)
         self._arrays = {name: publisher(Float64MultiArray, f"~/parameters/{name}", 10) for name in ARRAYS}
+        self._named = publisher(JointState, "~/parameters/named", 10)
+        self._monitor = Monitor(publisher(Float64MultiArray, "~/monitor", 10), node.get_logger())
         self._parameters_due = 0.0
         self.published = 0
         self.set_axis(axis, motion)
@@ -73,13 +77,20 @@ class Outputs:
         """Publish friction as the force along this axis, or, of a rotary drive, as the torque about it."""
         self._writer = WrenchWriter("xyz".index(axis) + (3 if motion == ROTARY else 0))
 
-    def sample(self, stamp_ns: int, frame: bytes, predicted_N: float, friction_N: float, stddev_N: float) -> None:
+    def sample(
+        self, stamp_ns: int, frame: bytes, velocity_m_s: float, predicted_N: float, friction_N: float, stddev_N: float
+    ) -> None:
         """Publish the prediction of one sample, its residual and its standard deviation."""
         write = self._writer.write
         self._predicted.publish(write(stamp_ns, frame, predicted_N))
         self._residual.publish(write(stamp_ns, frame, friction_N - predicted_N))
         self._stddev.publish(write(stamp_ns, frame, stddev_N))
+        self._monitor.note(stamp_ns, velocity_m_s, friction_N, predicted_N, stddev_N)
         self.published += 1
+
+    def close(self) -> None:
+        """Publish nothing more for people."""
+        self._monitor.close()
 
     def parameters_due(self, rate_hz: float) -> bool:
         """Return True where the parameters are to be published now; a rate of 0 means always."""
@@ -95,10 +106,16 @@ class Outputs:
         """Let the next sample's parameters be published: the rate has changed."""
         self._parameters_due = 0.0
 
-    def parameters(self, values: Parameters) -> None:
-        """Publish the learned values."""
+    def parameters(self, values: Parameters, stamp_ns: int) -> None:
+        """Publish the learned values; where somebody listens, all of them by name with the stamp of their sample."""
         for name in ARRAYS:
             self._arrays[name].publish(labelled(name, getattr(values, name)))
+        if self._named.get_subscription_count():
+            message = JointState()
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, NS_PER_S)
+            message.name = [f"{name}.{k}" for name in ARRAYS for k in range(getattr(values, name).size)]
+            message.position = np.concatenate([getattr(values, name) for name in ARRAYS])
+            self._named.publish(message)
 
     @property
     def curve_wanted(self) -> bool:

@@ -16,8 +16,8 @@ from friction_estimator.core.settings.config import Config
 from friction_estimator.ros.load import Load
 from friction_estimator.ros.quality import INPUT_DEPTH
 
-Publish = Callable[[int, float, float, float], None]
-"""Takes (stamp in ns, predicted friction, measured friction, standard deviation of the prediction)."""
+Publish = Callable[[int, float, float, float, float], None]
+"""Takes (stamp in ns, velocity, predicted friction, measured friction, standard deviation of the prediction)."""
 
 Build = Callable[[Config], Estimator]
 
@@ -216,7 +216,7 @@ class SampleStream:
                 if not low <= velocity <= high:
                     self.velocity_seen = (min(low, velocity), max(high, velocity))
                 handed_on += 1
-                self._publish(stamp_ns, predicted, friction, deviation)
+                self._publish(stamp_ns, velocity, predicted, friction, deviation)
         finally:
             self.predictions += handed_on
 

@@ -1,0 +1,99 @@
+"""What people look at while the node runs: a few rows of its samples, in batches, while somebody listens.
+
+The thread of the samples appends a row; everything else happens in a thread of its own.
+"""
+
+import array
+import threading
+from collections import deque
+from typing import Protocol
+
+import numpy as np
+from rclpy.impl.rcutils_logger import RcutilsLogger
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+
+from friction_estimator.core.decimation import MONITOR_COLUMNS, telling_rows
+from friction_estimator.core.errors import sentence
+from friction_estimator.core.sample import NS_PER_S
+
+BATCH_S = 0.05
+
+ASK_S = 0.25
+"""Time between two looks for a listener, while there is none."""
+
+MOST_ROWS = 42
+"""Rows of a batch: 840 a second draw a stroke of a second as a screen of 2000 pixels can show it."""
+
+ROOM = 20_000
+"""Samples that wait for the next batch at the most."""
+
+Row = tuple[int, float, float, float, float]
+
+
+class Publishes(Protocol):
+    """A publisher, or what stands for one that the middleware refused."""
+
+    def publish(self, message: Float64MultiArray) -> None:
+        """Publish a message."""
+
+    def get_subscription_count(self) -> int:
+        """Return how many listen."""
+
+
+class Monitor:
+    """Publishes the samples in decimated batches.
+
+    Parameters
+    ----------
+    publisher : of the topic.
+    log : of the node; it is told of a batch that failed, and the next one is tried all the same.
+    """
+
+    def __init__(self, publisher: Publishes, log: RcutilsLogger) -> None:
+        self._publisher, self._log = publisher, log
+        self._rows: deque[Row] = deque(maxlen=ROOM)
+        self._ended = threading.Event()
+        self._wanted = False
+        self._thread = threading.Thread(target=self._serve, name="monitor", daemon=True)
+        self._thread.start()
+
+    def note(self, stamp_ns: int, velocity_m_s: float, measured_N: float, predicted_N: float, stddev_N: float) -> None:
+        """Take a sample."""
+        if self._wanted:
+            self._rows.append((stamp_ns, velocity_m_s, measured_N, predicted_N, stddev_N))
+
+    def close(self) -> None:
+        """Publish no more."""
+        self._ended.set()
+        self._thread.join()
+
+    def _serve(self) -> None:
+        while not self._ended.wait(BATCH_S if self._wanted else ASK_S):
+            try:
+                self._wanted = bool(self._publisher.get_subscription_count())
+                if self._wanted and self._rows:
+                    self._publisher.publish(batch([self._rows.popleft() for _ in range(len(self._rows))]))
+                elif not self._wanted:
+                    self._rows.clear()
+            except Exception as error:
+                self._log.error(f"monitor: {sentence(error)}", throttle_duration_sec=5.0)
+
+
+def batch(rows: list[Row]) -> Float64MultiArray:
+    """Return the message of some samples.
+
+    >>> message = batch([(1_500_000_000, 0.1, 2.0, 1.9, 0.2)])
+    >>> [dimension.size for dimension in message.layout.dim], message.data.tolist()
+    ([1, 5], [1.5, 0.1, 2.0, 1.9, 0.2])
+    """
+    values = np.array(rows, np.float64)
+    values[:, 0] /= NS_PER_S
+    values = telling_rows(values, MOST_ROWS)
+    count, columns = values.shape
+    message = Float64MultiArray()
+    message.layout.dim = [
+        MultiArrayDimension(label="samples", size=count, stride=values.size),
+        MultiArrayDimension(label=MONITOR_COLUMNS, size=columns, stride=columns),
+    ]
+    message.data = array.array("d", values.tobytes())
+    return message
