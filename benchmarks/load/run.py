@@ -48,10 +48,9 @@ def stribeck(v: Floats, load: Floats, step_s: Floats) -> Floats:  # noqa: ARG001
 
 def geared(v: Floats, load: Floats, step_s: Floats) -> Floats:  # noqa: ARG001
     """The geared joint's form: unlike directions, teeth that rub more under load."""
-    sign = np.tanh(v / 0.03)
-    return (1.0 + 0.4 * np.exp(-np.abs(v) / 0.3) + 0.03 * np.abs(load)) * sign * (
-        1.0 + 0.1 * np.sign(v)
-    ) + 0.4 * np.sign(v) * np.abs(v) ** 0.7
+    sign, viscous = np.tanh(v / 0.03), 0.4 * np.sign(v) * np.abs(v) ** 0.7
+    coulomb = 1.0 + 0.4 * np.exp(-np.abs(v) / 0.3) + 0.03 * np.abs(load)
+    return coulomb * sign * (1.0 + 0.1 * np.sign(v)) + viscous
 
 
 def lugre(v: Floats, load: Floats, step_s: Floats) -> Floats:  # noqa: ARG001
@@ -126,9 +125,9 @@ def record(plant: str, drive: str, rate_hz: float, seed: int) -> Record:
     q, v, a = motion.position_m, motion.velocity_m_s, motion.acceleration_m_s2
     q = q + rng.uniform(-0.5, 0.5)
     truth = {
-        "inertia": level * rng.uniform(0.3, 2.0) / np.std(a),
-        "gravity:sin": level * rng.uniform(1.0, 6.0),
-        "gravity:cos": level * rng.uniform(-2.0, 2.0),
+        "inertia": float(level * rng.uniform(0.3, 2.0) / np.std(a)),
+        "gravity:sin": float(level * rng.uniform(1.0, 6.0)),
+        "gravity:cos": float(level * rng.uniform(-2.0, 2.0)),
     }
     load = truth["inertia"] * a + truth["gravity:sin"] * np.sin(q) + truth["gravity:cos"] * np.cos(q)
     friction = level * FRICTIONS[plant](v, load / level, np.full(v.size, 1.0 / rate_hz))
@@ -151,7 +150,7 @@ def record(plant: str, drive: str, rate_hz: float, seed: int) -> Record:
 def released(plant: str, rate_hz: float, seed: int) -> Record:
     """Return a weight that is let go again and again, the motor off: effort 0, gravity known, inertia sought."""
     rng = np.random.default_rng([seed, 77])
-    inertia, weight, level, fine = 0.02 * rng.uniform(0.7, 1.4), 0.8 * rng.uniform(0.7, 1.4), 0.03, 8
+    inertia, weight, level, fine = float(0.02 * rng.uniform(0.7, 1.4)), float(0.8 * rng.uniform(0.7, 1.4)), 0.03, 8
     step = 1.0 / rate_hz / fine
     rows, start = [], 0.0
     for _ in range(8):

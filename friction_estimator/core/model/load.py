@@ -59,7 +59,7 @@ class Load:
     columns : (motion, keys) -> (n, parts), force per coefficient.
     advice : drive that tells it from friction and other loads.
     needs : "acceleration", "position" or "".
-    time_power : the column is divided by V T0^time_power to be dimensionless; None: it is.
+    of_motion : whether the column is an acceleration or a position, which the speed scale makes dimensionless.
     keys : further numbers of a term with their defaults.
     even : whether it has a part that is the same at rest and in both directions.
     """
@@ -69,7 +69,7 @@ class Load:
     columns: Callable[[Motion, Mapping[str, float]], Floats]
     advice: str
     needs: str = ""
-    time_power: int | None = None
+    of_motion: bool = False
     keys: Mapping[str, float] = field(default_factory=dict)
     even: bool = False
 
@@ -95,7 +95,7 @@ LOADS: Registry[Load] = Registry("load term")
 
 LOADS.register(
     "inertia",
-    Load(("inertia",), "kg", _inertia, "add a second period or a multisine, faster than this", "acceleration", -1),
+    Load(("inertia",), "kg", _inertia, "add a second period or a multisine, faster than this", "acceleration", True),
 )
 LOADS.register(
     "gravity",
@@ -109,7 +109,7 @@ LOADS.register(
         _spring,
         "add a second period or a larger stroke",
         "position",
-        1,
+        True,
         {"centre": 0.0},
         even=True,
     ),
@@ -263,16 +263,19 @@ class LoadTerms:
     @property
     def scales(self) -> Floats:
         """SI value of each unknown coefficient over its value in force units, (size,)."""
-        times = [part.load.time_power for part in self.unknown]
-        return np.array([self._unit_N * (1.0 if t is None else 1.0 / self._speed) for t in times])
+        return np.array([self._unit_N * self._without_dimension(part) for part in self.unknown])
+
+    def _without_dimension(self, part: LoadPart) -> float:
+        """Return the factor on a column, V^-1 T0^+-1 or 1; T0 is 1 s."""
+        return 1.0 / self._speed if part.load.of_motion else 1.0
 
     def columns(self, samples: Samples) -> Floats:
-        """Return the columns of the unknown terms, (n, size), N per force unit."""
+        """Return the columns of the unknown terms, (n, size), without dimension: force units per force unit."""
         out = np.empty((len(samples), self.size))
         motion = SampleMotion(samples)
-        for i, (part, scale) in enumerate(zip(self.unknown, self.scales / (self._unit_N or 1.0), strict=True)):
-            out[:, i] = np.clip(part.column(motion) * scale, -LARGEST_COLUMN, LARGEST_COLUMN)
-        return out * self._unit_N
+        for i, part in enumerate(self.unknown):
+            out[:, i] = np.clip(part.column(motion) * self._without_dimension(part), -LARGEST_COLUMN, LARGEST_COLUMN)
+        return out
 
     def known_N(self, samples: Samples) -> Floats:
         """Return the force of the known terms, (n,), N."""

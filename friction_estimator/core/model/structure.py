@@ -209,29 +209,31 @@ class Model:
         temperature = np.full(velocity_m_s.size, temperature_degC)
         return self.theory_scale * self.theory.evaluate(velocity_m_s, pressure, temperature)
 
-    def linear_columns(self, samples: Samples, theory_N: Floats) -> Floats:
-        """Return load and extension terms of the next samples, (n, columns), N per coefficient; each asked for once."""
-        parts = [self.load.columns(samples)] if self.load.size else []
-        if self.extension is not None:
-            parts.append(self.extension.columns(samples, theory_N))
-        return np.concatenate(parts, axis=1) if parts else np.zeros((len(samples), 0))
+    def extension_columns(self, samples: Samples, theory_N: Floats) -> Floats:
+        """Return the extension terms' values for the next samples, (n, columns), N; each sample is asked for once."""
+        if self.extension is None:
+            return np.zeros((len(samples), 0))
+        return self.extension.columns(samples, theory_N)
 
     def inputs(self, samples: Samples, theory_N: Floats | None = None, columns_N: Floats | None = None) -> Inputs:
         """Return what the compiled loop takes for these samples.
 
         Parameters
         ----------
-        theory_N, columns_N : (n,) and (n, columns), `theoretical_friction` and `linear_columns` where known.
+        theory_N, columns_N : (n,) and (n, columns), `theoretical_friction` and `extension_columns` where known.
         """
         index, value, cell = self.basis.located(samples.velocity_m_s)
         theory = self.theoretical_friction(samples) if theory_N is None else theory_N
-        extension = self.linear_columns(samples, theory) if columns_N is None else columns_N
+        beside = self.extension_columns(samples, theory) if columns_N is None else columns_N
         unit = self.unit_N
+        beside = beside / unit
+        if self.load.size:
+            beside = np.concatenate([self.load.columns(samples), beside], axis=1)
         return Inputs(
             index=index,
             value=value,
             theory=theory / unit,
-            extension=np.ascontiguousarray(extension / unit),
+            extension=np.ascontiguousarray(beside),
             target=samples.friction_N / unit,
             restart=samples.restart,
             inside=self.basis.inside(samples.velocity_m_s),

@@ -132,7 +132,7 @@ class Estimator:
         for start in range(0, len(samples), CHUNK):
             chunk = samples[start : start + CHUNK]
             theory = self.model.theoretical_friction(chunk)
-            columns = self.model.linear_columns(chunk, theory)
+            columns = self.model.extension_columns(chunk, theory)
             done = 0
             while done < len(chunk):
                 rest = slice(done, None)
