@@ -203,6 +203,29 @@ def test_the_live_step_gives_what_replay_gives(terms):
     np.testing.assert_array_equal(live, replayed.predicted_N[: live.size])
 
 
+def test_a_force_unit_that_rises_keeps_what_was_learned_of_the_load():
+    """The first contact meets a tenth of the speed and of the friction: range and unit grow with what follows."""
+    given = config(["inertia", "gravity"])
+    t, q, v, effort = pendulum(seconds=12.0)
+    slow = np.arange(1200) / RATE
+    dither = 0.02 * np.sin(2.0 * np.pi * 0.4 * slow)
+    quiet = 0.01 * np.tanh(np.gradient(dither, slow) / 1e-3) + SIN * np.sin(dither) + COS * np.cos(dither)
+    t = np.concatenate([slow, slow[-1] + 1.0 / RATE + t])
+    both = [np.concatenate(pair) for pair in ((dither, q), (np.gradient(dither, slow), v), (quiet, effort))]
+    samples = admitted(given, t, *both)
+    online = replay(samples, given)
+    assert online.estimator.config.unit_N > 1.5 * online.contact.config.unit_N
+    for load in online.loads:
+        assert load.value == pytest.approx(TRUTH[load.term], abs=0.05)
+    step, found = LiveStep(Intake(given), given), []
+    stream, stamp, value = events_of(t, *both)
+    for at in range(0, stream.size, 3):
+        step.stream[:3], step.stamp_ns[:3], step.value[:3] = (x[at : at + 3] for x in (stream, stamp, value))
+        found += step.run(3, learn=True)
+    live = np.array([predicted for *_, predicted, _ in found])
+    np.testing.assert_array_equal(live, online.predicted_N[: live.size])
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
