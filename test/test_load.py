@@ -276,3 +276,15 @@ def test_a_state_keeps_the_load_and_one_from_before_is_one_without():
     Estimator(bare).restore(former)
     with pytest.raises(ConfigError, match=r"load\.terms"):
         Estimator(given).restore(former)
+
+
+def test_the_mass_of_a_measured_axis_is_found(shared_data):
+    """Published: 95.109 kg by another model of the friction (Janot, Gautier, Brunot 2019)."""
+    table = np.genfromtxt(shared_data / "emps_nlgreyfast" / "data.csv", delimiter=",", names=True)
+    given = Config.from_mapping({"model.type": "hammerstein", "theory.kind": "none", "load.terms": ["inertia"]})
+    columns = (table[name] for name in ("t_s", "q_filt_m", "v_m_s", "motor_force_N"))
+    (mass,) = fitted(given, admitted(given, *columns)).loads
+    assert mass.unit == "kg"
+    assert mass.separated
+    assert mass.ci95[0] <= 95.109 <= mass.ci95[1]
+    assert mass.ci95[1] - mass.ci95[0] < 2.5

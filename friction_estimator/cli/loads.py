@@ -12,12 +12,7 @@ HEAD = ("term", "value", "95 % interval", "told from friction and other loads")
 def tell(output: common.Outlet, loads: Sequence[LearnedLoad], width: int = 12) -> None:
     """Say what each term is, and what is not told apart."""
     for load in loads:
-        words = f"{load.term} = {load.value:.5g} {load.unit}"
-        if load.ci95 is not None:
-            words += f", 95 % interval [{load.ci95[0]:.5g}, {load.ci95[1]:.5g}]"
-        else:
-            words += f": not separated, {load.reason}"
-        output.say(f"{'load':<{width}}{words}")
+        output.say(f"{'load':<{width}}{load.term} = {load.text}")
 
 
 def section(loads: Sequence[LearnedLoad]) -> list[Section]:

@@ -85,7 +85,9 @@ class InputStatus:
         if config.input.mode == "float64":
             values["stamps"] = "missing: paired by time of receipt, no bit equality with replay"
         if config.input.mode == "joint_state":
-            values["friction"] = "joint effort as a whole: inertia and gravity included"
+            terms = ", ".join(config.load.terms)
+            beside = f"load.terms: {terms}" if terms else "inertia and gravity included (load.terms takes them off)"
+            values["friction"] = f"joint effort as a whole: {beside}"
         for index, finding in enumerate(findings):
             values[f"finding {index + 1}"] = finding.text
         new_rejects = {reason: count for reason, count in rejects.items() if count}

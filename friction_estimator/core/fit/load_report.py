@@ -57,6 +57,14 @@ class LearnedLoad:
     separated: bool
     reason: str
 
+    @property
+    def text(self) -> str:
+        """Value, unit and interval in words, or why there is none."""
+        words = f"{self.value:.5g} {self.unit}"
+        if self.ci95 is None:
+            return f"{words}: not separated, {self.reason}"
+        return f"{words}, 95 % interval [{self.ci95[0]:.5g}, {self.ci95[1]:.5g}]"
+
 
 def learned_loads(
     model: Model, theta: Floats, covariance: Floats | None, weight: float, misfit: float
