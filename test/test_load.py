@@ -147,7 +147,7 @@ def test_position_is_integrated_where_none_is_recorded():
 
 
 def test_samples_come_late_by_half_the_window_and_belong_to_one_instant():
-    given = config(["inertia"], load__half_width=4)
+    given = config(["inertia"], load__half_width=0.02)
     t, q, v, a = motion()
     intake = Intake(given, capacity=t.size + 1)
     early = intake.push(*events_of(t, q, v, a))
@@ -170,7 +170,7 @@ def test_acceleration_of_uneven_stamps_is_exact_for_cubics_and_does_not_reach_ov
     wanted = 2.0 - 2.0 * t + 1.2 * t**2
 
     def filtered(sizes):
-        given, parts, at = AccelerationFilter(5), [], 0
+        given, parts, at = AccelerationFilter(0.025), [], 0
         for size in sizes:
             parts.append(given.push(samples[at : at + size]))
             at += size

@@ -132,7 +132,7 @@ def _account(estimator: Estimator, curve: Curve | None, quantities: Quantities) 
     }
     values |= {f"load: {load.term}": load.text for load in estimator.loads}
     if estimator.model.load.needs("acceleration"):
-        values["predicted late by (samples)"] = config.load.half_width
+        values["predicted late by (s)"] = config.load.half_width
     return values | _learned_part(curve, quantities)
 
 

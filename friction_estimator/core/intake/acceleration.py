@@ -1,13 +1,14 @@
 """Acceleration from velocity, matched in time: a local cubic about each sample, which waits for those that follow it.
 
-The derivative at a sample is that of the least-squares cubic over the samples up to `half_width` before and after it,
-by their stamps (Savitzky and Golay 1964, for uneven steps by Forsythe's orthogonal polynomials). So acceleration,
-velocity, position and force belong to one instant: a causal filter of the acceleration alone would lag by half its
-length, and a lag of inertia is a viscous force of -m w^2 D that no model tells from friction. The price is that a
-sample is admitted `half_width` samples later. At a gap, and where a recording ends, the cubic is fitted to the samples
+The derivative at a sample is that of the least-squares cubic over the samples up to `half_width` seconds before and
+after it, by their stamps (Savitzky and Golay 1964, for uneven steps by Forsythe's orthogonal polynomials). So
+acceleration, velocity, position and force belong to one instant: a causal filter of the acceleration alone would lag by
+half its length, and a lag D of inertia is a viscous force of -m w^2 D that no model tells from friction. The price is
+that a sample is admitted `half_width` later. At a gap, and where a recording ends, the cubic is fitted to the samples
 on the one side.
 
-Of white velocity noise s the acceleration at 1/dt holds 0.24 s/dt with five samples on either side.
+White velocity noise s at a step dt becomes 8.7 s sqrt(dt) / (2 half_width)^1.5 of the acceleration's unit over many
+samples: a width in seconds, since noise in a column shrinks its coefficient, and more so the higher the rate.
 """
 
 from dataclasses import replace
@@ -21,8 +22,12 @@ DEGREE = 3
 """Of the polynomial: the acceleration's own curvature is followed."""
 
 
+LEAST = 2
+"""Samples on either side that a window has at least, where the rate is low."""
+
+
 @njit(cache=True)
-def slopes(stamp_ns, velocity, restart, half, first, stop, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def slopes(stamp_ns, velocity, restart, width_ns, first, stop, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Fill out[k] for samples first + k below `stop` with the derivative of the local cubic, m/s^2.
 
     Windows end at restarts and at the ends of the arrays. With orthogonal polynomials p_j over the window,
@@ -30,14 +35,17 @@ def slopes(stamp_ns, velocity, restart, half, first, stop, out):  # type: ignore
         p_(j+1) = (t - a_j) p_j - b_j p_(j-1),   v'(0) = sum_j <v, p_j> / <p_j, p_j> p_j'(0)
     """
     size = velocity.size
-    time = np.empty(2 * half + 1)
-    now, before = np.empty(2 * half + 1), np.empty(2 * half + 1)
+    time, now, before = np.empty(size), np.empty(size), np.empty(size)
     for i in range(first, stop):
         low = i
-        while low > 0 and i - low < half and not restart[low]:
+        while low > 0 and not restart[low] and (i - low < LEAST or stamp_ns[i] - stamp_ns[low - 1] <= width_ns):
             low -= 1
         high = i
-        while high < size - 1 and high - i < half and not restart[high + 1]:
+        while (
+            high < size - 1
+            and not restart[high + 1]
+            and (high - i < LEAST or stamp_ns[high + 1] - stamp_ns[i] <= width_ns)
+        ):
             high += 1
         count = high - low + 1
         span = (stamp_ns[high] - stamp_ns[low]) / NS_PER_S
@@ -70,23 +78,23 @@ def slopes(stamp_ns, velocity, restart, half, first, stop, out):  # type: ignore
 
 
 class AccelerationFilter:
-    """Give samples their acceleration, `half_width` samples later.
+    """Give samples their acceleration, `half_width` later.
 
     Parameters
     ----------
-    half_width : samples on either side.
+    half_width_s : time on either side, s.
 
     Examples
     --------
     >>> k = np.arange(40)
     >>> samples = Samples(k * 1_000_000, 0.5e-3 * k**2, np.zeros(40), k == 0)
-    >>> filtered = AccelerationFilter(5).push(samples)
+    >>> filtered = AccelerationFilter(0.005).push(samples)
     >>> len(filtered), bool(np.allclose(filtered.acceleration_m_s2, k[:35]))
     (35, True)
     """
 
-    def __init__(self, half_width: int) -> None:
-        self._half = half_width
+    def __init__(self, half_width_s: float) -> None:
+        self._width_ns = round(half_width_s * NS_PER_S)
         self._kept: list[Samples] = []
         self._past = 0
 
@@ -98,10 +106,14 @@ class AccelerationFilter:
     def push(self, samples: Samples) -> Samples:
         """Take samples; return those whose acceleration is known now, in order."""
         whole = in_sequence([*self._kept, samples])
+        if not len(whole):
+            return whole
         # A restart ends the windows before it: nothing that follows can change them.
         ends = np.flatnonzero(whole.restart)
-        done = max(len(whole) - self._half, int(ends[-1]) if ends.size else 0, self._past)
-        return self._take(whole, done)
+        piece = int(ends[-1]) if ends.size else 0
+        stamps = whole.stamp_ns[piece:]
+        reached = int(np.searchsorted(stamps, stamps[-1] - self._width_ns, side="right"))
+        return self._take(whole, max(piece + min(reached, stamps.size - LEAST), piece, self._past))
 
     def drain(self) -> Samples:
         """Return what waits, fitted to what there is: no sample follows."""
@@ -110,10 +122,13 @@ class AccelerationFilter:
 
     def _take(self, whole: Samples, done: int) -> Samples:
         out = np.empty(done - self._past)
-        slopes(whole.stamp_ns, whole.velocity_m_s, whole.restart, self._half, self._past, done, out)
+        slopes(whole.stamp_ns, whole.velocity_m_s, whole.restart, self._width_ns, self._past, done, out)
         ready = replace(whole[self._past : done], acceleration_m_s2=out)
-        kept = max(0, done - self._half)
-        self._kept, self._past = [whole[kept:]] if kept < len(whole) else [], done - kept
+        next_ = min(done, len(whole) - 1)
+        near = np.flatnonzero(np.abs(whole.stamp_ns - whole.stamp_ns[next_ : next_ + 1]) <= self._width_ns)
+        # Further back than the window of the next reaches, or than its least number of samples.
+        kept = max(0, min(int(near[0]) if near.size else 0, done - LEAST) - 1)
+        self._kept, self._past = [whole[kept:]] if len(whole) else [], done - kept
         return ready
 
 

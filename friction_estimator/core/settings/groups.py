@@ -344,12 +344,13 @@ class LoadConfig:
         "is learned; what has a value is known and taken off: inertia=0.02, gravity:sin=1.2,cos=0, "
         "spring:centre=0,stiffness=3.",
     )
-    half_width: int = setting(
-        5,
-        "Samples on either side of one from whose velocities its acceleration is taken: with inertia among load.terms "
-        "a sample is predicted that many samples late.",
-        low=2,
-        high=100,
+    half_width: float = setting(
+        0.025,
+        "Time on either side of a sample from whose velocities its acceleration is taken: with inertia in load.terms "
+        "a sample is predicted that much later. Shorter follows faster motion, longer is less noisy.",
+        unit="s",
+        low=1e-4,
+        high=10.0,
     )
 
 
