@@ -1,7 +1,7 @@
 """Load terms on simulated joints: are they within their intervals, what is said where the drive separates nothing, and
 what does not knowing them cost the friction?
 
-    python benchmarks/load/run.py [--seeds 20] [--first-seed 0] [--quick] > benchmarks/load/results.md
+    python benchmarks/load/run.py [--seeds 20] [--first-seed 0] [--part others]
 
 Each seed draws the load, the amplitude, the period, the noise, and an encoder of 4096 counts a turn for the position.
 The plants of `simulate` stand beside friction of other forms that nothing was chosen on.
@@ -209,16 +209,15 @@ def learned(rec: Record, terms: list[str]) -> dict[str, Learned]:
     }
 
 
-def cases(seeds: range, quick: bool) -> Iterator[tuple[str, str, float, int]]:
-    """Yield plant, drive, rate and seed: all seeds on the plants of `simulate`, a quarter on the forms beside them."""
-    for plant in FRICTIONS:
-        few = seeds[: max(1, len(seeds) // 4)]
-        for drive in [*DRIVES, "free swing"]:
-            if drive == "free swing" and plant != "pendulum":
-                continue
-            everything = plant in ("pendulum", "geared_joint") and drive in FAIR[:3]
-            for seed in seeds if everything and not quick else few:
-                yield plant, drive, (200.0, 500.0, 1000.0)[seed % 3], seed
+def cases(part: str, seeds: range) -> Iterator[tuple[str, str, float, int]]:
+    """Yield plant, drive, rate and seed of a part: the joints of `simulate`, or other forms and drives (few seeds)."""
+    joints = [(plant, drive) for plant in tuple(FRICTIONS)[:2] for drive in FAIR[:3]]
+    others = [(plant, drive) for plant in FRICTIONS for drive in DRIVES if (plant, drive) not in joints]
+    wanted = joints if part == "joints" else [*others, ("pendulum", "free swing")]
+    few = seeds if part == "joints" else seeds[: max(1, len(seeds) // 5)]
+    for seed in few:
+        for plant, drive in wanted:
+            yield plant, drive, (200.0, 500.0, 1000.0)[seed % 3], seed
 
 
 def main() -> None:
@@ -226,11 +225,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--quick", action="store_true", help="a quarter of the seeds everywhere")
+    parser.add_argument("--part", choices=("joints", "others"), default="joints")
     args = parser.parse_args()
     seeds = range(args.first_seed, args.first_seed + args.seeds)
     rows: dict[tuple[str, str, str], list[tuple[int, int, int, float]]] = defaultdict(list)
-    for plant, drive, rate, seed in cases(seeds, args.quick):
+    for plant, drive, rate, seed in cases(args.part, seeds):
         rec = released(plant, rate, seed) if drive == "free swing" else record(plant, drive, rate, seed)
         unknown = learned(rec, rec.unknown)
         known = learned(rec, rec.known) if rec.known else unknown
