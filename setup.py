@@ -8,7 +8,7 @@ setup(
     name=PACKAGE,
     version="0.1.0",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={PACKAGE: ["py.typed", "export/*.h.in"]},
+    package_data={PACKAGE: ["py.typed", "export/*.h.in", "report/page/templates/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
@@ -22,7 +22,7 @@ setup(
     maintainer_email="friction-estimator@users.noreply.github.com",
     description="Online identification of seal and actuator friction beside the drive, with diagnosis.",
     license="Apache-2.0",
-    extras_require={"test": ["pytest"]},
+    extras_require={"page": ["bokeh>=3.4"], "test": ["pytest"]},
     entry_points={
         "console_scripts": [
             f"friction_estimator = {PACKAGE}.cli.main:main",

@@ -57,7 +57,7 @@ ALLOWED_IN_CORE = {
     "online": {"fit", "model", "intake", "settings", "top"},
 }
 
-HOME = {"rclpy": {"ros"}, "rosbags": {"bag"}, "matplotlib": {"report"}}
+HOME = {"rclpy": {"ros"}, "rosbags": {"bag"}, "matplotlib": {"report"}, "bokeh": {"report"}, "jinja2": {"report"}}
 
 MODULES = sorted(PACKAGE.rglob("*.py"))
 

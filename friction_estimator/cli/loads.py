@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from friction_estimator.cli import common
 from friction_estimator.core.fit.load_report import LearnedLoad
-from friction_estimator.report.html import Section
+from friction_estimator.report.page.content import Section
 
 HEAD = ("term", "value", "95 % interval", "told from friction and other loads")
 

@@ -3,6 +3,7 @@
 Only the chosen verb's module is imported, so that `--help` answers at once.
 """
 
+import argparse
 import difflib
 import sys
 from collections.abc import Sequence
@@ -62,7 +63,7 @@ def _run(chosen: str | None, arguments: list[str]) -> int:
     module = None if chosen is None else import_module(f"friction_estimator.cli.{VERBS[chosen][0]}")
     if module is not None:
         module.add_parser(subparsers)
-    args = parser.parse_args(arguments)
+    args = parser.parse_args(arguments, argparse.Namespace(words=[PROGRAM, *arguments]))
     if module is None or args.verb is None:
         parser.error(f"no verb given: choose one of {', '.join(VERBS)}")
     try:

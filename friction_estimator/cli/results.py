@@ -13,6 +13,8 @@ from friction_estimator.bag.source import Source
 from friction_estimator.bag.write import add_results, written
 from friction_estimator.cli import loads, side_by_side
 from friction_estimator.cli.common import to_json
+from friction_estimator.cli.data_quality import data_quality
+from friction_estimator.cli.provenance import provenance
 from friction_estimator.core.online.replay import Replay
 from friction_estimator.core.quantities import Quantities
 from friction_estimator.core.sample import Floats, Ints
@@ -20,7 +22,9 @@ from friction_estimator.core.text import shown
 from friction_estimator.documents.configuration import write_config
 from friction_estimator.output.layout import Layout, only, strange
 from friction_estimator.report.figures import FIGURES, write_figures
-from friction_estimator.report.html import Section, write_page
+from friction_estimator.report.page.content import Section
+from friction_estimator.report.page.replay_page import replay_page
+from friction_estimator.report.page.write import write_page
 from friction_estimator.report.style import SUFFIXES
 
 LONGEST_FOLDER = 60
@@ -55,6 +59,7 @@ def write_results(
     result: Replay,
     summary: Mapping[str, Any],
     quantities: Quantities | None = None,
+    words: Sequence[str] = (),
 ) -> None:
     """Write bag/, figures/, report.html, summary.json and config.yaml into `folder`.
 
@@ -67,6 +72,7 @@ def write_results(
     recordings : those that were learned, in the order of `result.parts`.
     summary : the JSON of the run.
     quantities : how numbers are shown; in SI units unless given.
+    words : the command line.
 
     Raises InputError where a recording cannot be written.
     """
@@ -84,15 +90,15 @@ def write_results(
     (folder / "summary.json").write_text(to_json(summary) + "\n", encoding="utf-8")
     (folder / "figures").mkdir()
     figures = write_figures(result, folder / "figures", quantities)
-    sections = [_figures_of_merit(summary), *loads.section(result.loads), *_on_other_data(result, quantities)]
-    sections += [_inputs(recording) for recording in taken]
-    sections[-1].paragraphs = [*sections[-1].paragraphs, _admitted(summary)]
-    write_page(
-        folder / "report.html",
-        "Friction estimated",
-        f"{result.config.model.type} model, law {summary['law']}, over {paths}",
-        [*sections, Section("Figures", figures=figures)],
-    )
+    details = [
+        data_quality(taken, result.config, quantities, summary["samples"]),
+        *provenance(words, [recording.path for recording in taken], result.config),
+    ]
+    fitted = summary["law"] == "batch"
+    scores = side_by_side.scores_of(result)
+    elsewhere = [*loads.section(result.loads), *_on_other_data(result, quantities)]
+    page = replay_page(result, scores, summary, quantities, figures, elsewhere, details, fitted=fitted)
+    write_page(folder / "report.html", page)
 
 
 def write_bags(path: Path, recordings: Sequence[Recording], result: Replay) -> None:
@@ -160,21 +166,6 @@ def _snapshots(result: Replay, part: slice, log_time_ns: Ints) -> dict[str, tupl
     return out
 
 
-def _figures_of_merit(summary: Mapping[str, Any]) -> Section:
-    rows: list[tuple[object, ...]] = [("figure", "value", "meaning")]
-    meanings = {
-        "nrmse": "a priori error rms over the std of measured friction, whole record",
-        "nrmse_final": "the same over the last fifth",
-        "fit_percent": "100 (1 - nrmse_final)",
-        "nrmse_frozen": "after learning was stopped",
-        "nrmse_persistence": "the guess that friction is what it was one sample ago",
-        "theory_nrmse": "the theoretical curve alone",
-    }
-    rows += [(name, summary[name], meaning) for name, meaning in meanings.items() if summary.get(name) is not None]
-    rows.append(("diverged", "yes" if summary["diverged"] else "no", "error above twice the spread, or not finite"))
-    return Section("Error", table=rows)
-
-
 def _on_other_data(result: Replay, quantities: Quantities) -> list[Section]:
     """Return the section on what was predicted without learning; none where nothing was."""
     rows = side_by_side.rows(result, quantities)
@@ -191,15 +182,3 @@ def _on_other_data(result: Replay, quantities: Quantities) -> list[Section]:
             "the model's memory is not filled there."
         )
     return [Section("On other data", [text], [side_by_side.HEAD, *rows])]
-
-
-def _inputs(recording: Recording) -> Section:
-    rows: list[tuple[object, ...]] = [("input", "topic", "messages")]
-    rows += [(name, stream.topic, len(stream)) for name, stream in recording.streams.items()]
-    return Section(f"Input: {recording.path}", table=rows)
-
-
-def _admitted(summary: Mapping[str, Any]) -> str:
-    counts = summary["samples"]
-    refused = ", ".join(f"{count} {reason}" for reason, count in counts["rejected"].items()) or "none"
-    return f"{counts['used']} samples used of {counts['read']}; refused: {refused}."

@@ -84,7 +84,7 @@ def signals(replay: Replay, quantities: Quantities) -> Figure:
         axes[0, column].set_title(f"{title} of the record")
         axes[2, column].set_xlabel("time (s)")
         # A start-up transient must not flatten everything else.
-    reach = 1.15 * _usual_size(samples.friction_N)
+    reach = 1.15 * usual_size(samples.friction_N)
     axes[1, 0].set_ylim(-force * reach, force * reach)
     error_reach = 4.0 * float(np.sqrt(np.mean(np.square(np.clip(replay.residual_N, -reach, reach)))))
     if error_reach > 0.0:
@@ -97,7 +97,7 @@ def signals(replay: Replay, quantities: Quantities) -> Figure:
     return figure
 
 
-def _usual_size(friction_N: Floats) -> float:
+def usual_size(friction_N: Floats) -> float:
     """Return the largest friction but for rare spikes, N; above 0 unless all are 0."""
     size = np.abs(friction_N)
     return float(np.quantile(size, 0.999) or size.max())
@@ -126,7 +126,7 @@ def convergence(replay: Replay) -> Figure:
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylabel("nrmse (1)")
     axes.set_title("Error while learning")
-    for number in _cycles_before(replay):
+    for number in cycles_before(replay):
         axes.axvline(number + 0.5, color=style.MEASURED, lw=0.8)
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure
@@ -137,7 +137,7 @@ def _level(axes: Axes, value: float, label: str, colour: str, dash: str) -> None
         axes.axhline(value, color=colour, ls=dash, label=label)
 
 
-def _cycles_before(replay: Replay) -> list[int]:
+def cycles_before(replay: Replay) -> list[int]:
     """Return how many values of nrmse_by_cycle lie before each recording but the first."""
     velocity = replay.samples.velocity_m_s
     counts = [len(metrics.by_cycle(velocity[part], velocity[part], velocity[part])) for part in replay.parts]
@@ -153,19 +153,19 @@ def friction_map(replay: Replay, quantities: Quantities) -> Figure:
     figure = Figure(figsize=(10, 5.0))
     axes = figure.subplots()
     measured = speed * samples.velocity_m_s, force * samples.friction_N
-    reach = 1.2 * _usual_size(measured[1])
+    reach = 1.2 * usual_size(measured[1])
     low, high = min(speed * v[0], measured[0].min()), max(speed * v[-1], measured[0].max())
     margin = 0.02 * (high - low) or 1e-3
     axes.set_xlim(low - margin, high + margin)
     axes.set_ylim(-reach, reach)
     handles: list[Artist] = [_density(axes, *measured, (low - margin, high + margin), reach)]
-    supported = _supported(curve, replay.curve)
+    inside = supported(curve, replay.curve)
     for where, colour, alpha, label in (
-        (supported, style.LEARNED, 0.22, "95 % band"),
-        (~supported, style.UNSUPPORTED, 0.25, "95 % band, no data"),
+        (inside, style.LEARNED, 0.22, "95 % band"),
+        (~inside, style.UNSUPPORTED, 0.25, "95 % band, no data"),
     ):
         if where.any():
-            shown = _reaching(where)
+            shown = reaching(where)
             handles.append(
                 axes.fill_between(
                     speed * v,
@@ -179,7 +179,7 @@ def friction_map(replay: Replay, quantities: Quantities) -> Figure:
                     label=label,
                 )
             )
-    theory = _theory(replay, v, curve)
+    theory = theory_curve(replay, v, curve)
     if theory is not None:
         theory = force * theory
         handles += axes.plot(speed * v, theory, ":", color=style.THEORY, lw=1.4, label="theoretical curve", zorder=3)
@@ -188,15 +188,15 @@ def friction_map(replay: Replay, quantities: Quantities) -> Figure:
         label = "Coulomb and viscous, fitted"
         handles += axes.plot(speed * v, known, color=style.ACCENT, lw=0.9, label=label, zorder=4)
     for where, colour, dash, label in (
-        (supported, style.LEARNED, "-", "learned"),
-        (~supported, style.UNSUPPORTED, "--", "learned, no data"),
+        (inside, style.LEARNED, "-", "learned"),
+        (~inside, style.UNSUPPORTED, "--", "learned, no data"),
     ):
         if where.any():
-            line = np.where(_reaching(where), force * curve.friction_N, np.nan)
+            line = np.where(reaching(where), force * curve.friction_N, np.nan)
             handles += axes.plot(speed * v, line, dash, color=colour, lw=1.6, label=label, zorder=5)
     axes.set_xlabel(f"velocity ({quantities.velocity})")
     axes.set_ylabel(f"friction ({quantities.force})")
-    axes.set_title(_conditions(replay, curve))
+    axes.set_title(conditions(replay, curve))
     axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure
 
@@ -218,7 +218,7 @@ def _density(axes: Axes, velocity: Floats, friction: Floats, span: tuple[float, 
     return Patch(color=style.DENSITY(0.5), label="measured")
 
 
-def _supported(outlook: Curve, curve: Curve) -> Bools:
+def supported(outlook: Curve, curve: Curve) -> Bools:
     """Return where data support a curve: within the velocities of the learned one, half of the prior's variance gone.
 
     `outlook` is the learned curve over more velocities than those of `curve`.
@@ -228,7 +228,7 @@ def _supported(outlook: Curve, curve: Curve) -> Bools:
     return np.asarray(known & (v >= learned[0]) & (v <= learned[-1]), np.bool_)
 
 
-def _reaching(where: Bools) -> Bools:
+def reaching(where: Bools) -> Bools:
     """Return `where` with one point more at each end, so that neighbouring pieces of a line meet."""
     out = where.copy()
     out[1:] |= where[:-1]
@@ -236,14 +236,14 @@ def _reaching(where: Bools) -> Bools:
     return out
 
 
-def _theory(replay: Replay, velocity_m_s: Floats, curve: Curve) -> Floats | None:
+def theory_curve(replay: Replay, velocity_m_s: Floats, curve: Curve) -> Floats | None:
     """Return the theoretical curve at the conditions of the learned one; None for a model without."""
     if not replay.parameters.theory_taps.size:
         return None
     return replay.estimator.model.theory_at(velocity_m_s, curve.pressure_Pa, curve.temperature_degC)
 
 
-def _conditions(replay: Replay, curve: Curve) -> str:
+def conditions(replay: Replay, curve: Curve) -> str:
     """Return the title: the conditions, where they were recorded."""
     recorded = []
     if replay.samples.pressure_Pa is not None and np.isfinite(replay.samples.pressure_Pa).any():

@@ -75,6 +75,7 @@ class Replay:
     others : recordings that were predicted with what was learned.
     contact : how range and units were met; None where the whole record chose them.
     loads : what was learned of the unknown load terms.
+    deviation_N : (n,), standard deviation of each prediction, N; None for a fit, which predicts nothing beforehand.
     """
 
     config: Config
@@ -93,6 +94,7 @@ class Replay:
     others: tuple[Judged, ...] = ()
     contact: Contact | None = None
     loads: Sequence[LearnedLoad] = ()
+    deviation_N: Floats | None = None
 
     @property
     def parameters(self) -> Parameters:
@@ -243,12 +245,12 @@ def replay(
     if freeze_after is not None:
         learn[round(freeze_after * n) :] = False
     estimator = Estimator(config, extension)
-    predicted = np.empty(n)
+    predicted, deviation = np.empty(n), np.empty(n)
     indices, snapshots = [], []
     seconds = 0.0
     for part in _blocks(n, starts):
         begin = time.perf_counter() - COMPILATION.seconds
-        predicted[part] = estimator.run(samples[part], learn[part])
+        predicted[part] = estimator.run(samples[part], learn[part], deviation[part])
         seconds += time.perf_counter() - COMPILATION.seconds - begin
         indices.append(part.stop - 1)
         snapshots.append(estimator.parameters)
@@ -271,6 +273,7 @@ def replay(
         outlook=outlook,
         contact=contact,
         loads=estimator.loads,
+        deviation_N=deviation,
     )
 
 

@@ -1,0 +1,108 @@
+"""How the error fell, and what was learned."""
+
+import numpy as np
+from bokeh.layouts import column
+from bokeh.models import ColumnDataSource, Span, UIElement
+
+from friction_estimator.core import metrics
+from friction_estimator.core.online.replay import Replay
+from friction_estimator.core.quantities import FORCE, Quantities
+from friction_estimator.core.sample import Bools, Floats
+from friction_estimator.report import figures
+from friction_estimator.report.page import look
+from friction_estimator.report.page.content import Chart
+
+
+def noise_floor(force_N: Floats, restart: Bools) -> float:
+    """Return the rms of what is white in a measured force, N: no prediction made before the measurement is better.
+
+    Of third differences inside gap-free pieces, e = (f[k] - 3 f[k-1] + 3 f[k-2] - f[k-3]) / sqrt(20): a motion that is
+    smooth over four samples vanishes in them (Gasser, Sroka, Jennen-Steinmetz 1986). Their median counts, so that
+    reversals, where friction jumps, do not. NaN below 100 of them.
+    """
+    if force_N.size < 4:
+        return float("nan")
+    whole = ~(restart[1:-2] | restart[2:-1] | restart[3:])
+    third = np.abs(np.diff(force_N, 3)[whole])
+    return float(np.median(third) / (0.6745 * np.sqrt(20.0))) if third.size >= 100 else float("nan")
+
+
+def error_by_cycle(result: Replay, q: Quantities, fitted: bool) -> Chart:
+    """Return the error of each cycle beside what it must be read beside."""
+    when = "of the fit" if fitted else "while learning"
+    return Chart(
+        f"Error {when}, cycle by cycle",
+        "Rms error of each drive cycle (tenths of the record where the drive is not periodic). The noise floor is what "
+        "is white in the measured friction, found without a model: no honest prediction goes below it.",
+        lambda: _errors(result, q),
+    )
+
+
+def _errors(result: Replay, q: Quantities) -> UIElement:
+    samples, merit = result.samples, result.figures()
+    spread = metrics.spread(samples.friction_N)
+    errors = np.asarray(q.value(spread * np.array(merit["nrmse_by_cycle"]), FORCE))
+    number = np.arange(1, errors.size + 1)
+    levels = [
+        ("noise floor", noise_floor(samples.friction_N, samples.restart), "measured", "dotted"),
+        ("guess: as one sample ago", spread * merit["nrmse_persistence"], "unsupported", "dashed"),
+        ("theoretical curve alone", spread * (merit["theory_nrmse"] or np.nan), "theory", "dashed"),
+        ("always the mean", spread, "known", "dotdash"),
+    ]
+    if "coulomb_viscous" in result.baseline_curves:
+        known = result.baseline_curves["coulomb_viscous"].evaluate(samples.velocity_m_s)
+        rms = float(np.sqrt(np.mean(np.square(samples.friction_N - known))))
+        levels.insert(2, ("Coulomb and viscous, fitted", rms, "known", "solid"))
+    shown = [(word, float(q.value(level, FORCE)), name, dash) for word, level, name, dash in levels if level > 0.0]
+    values = np.array([*errors[np.isfinite(errors) & (errors > 0.0)], *(level for _, level, _, _ in shown)])
+    target = look.chart(
+        "drive cycle" if any(metrics.drive_cycles(samples.velocity_m_s[part]) for part in result.parts) else "tenth",
+        f"rms error ({q.force})", 320, y_axis_type="log", x_range=look.spanning(1.0, float(max(errors.size, 2)), 0.03),
+        y_range=(0.7 * float(values.min()), 1.5 * float(values.max())) if values.size else (0.1, 1.0),
+    )  # fmt: skip
+    ends = np.array([0.0, errors.size + 1.0])
+    for word, level, name, dash in shown:
+        look.line(target, ends, np.full(2, level), name, f"{word}, {level:.3g} {q.force}", line_dash=dash)
+    drawn = look.line(target, number, errors, "predicted", "predicted", line_width=1.6)
+    drawn.data_source.add(100.0 * np.array(merit["nrmse_by_cycle"]), "nrmse")
+    if errors.size <= 200:
+        points = target.scatter(number, errors, size=5, color=look.INKS["predicted"])
+        look.ink(points.glyph, "predicted")
+    for begin in figures.cycles_before(result):
+        target.add_layout(look.ink(Span(location=begin + 0.5, dimension="height", line_dash="dashed"), "unsupported"))
+    tips = [("cycle", "@x"), ("rms error", f"@y{{0.0000}} {q.force}"), ("of the spread", "@nrmse{0.00} %")]
+    look.hover(target, [drawn], tips, "vline")
+    return target
+
+
+def taps(result: Replay, title: str, values: list[Floats], behind: str) -> Chart:
+    """Return taps over time and at the end, each with its lag."""
+    rate = result.samples.sample_rate_hz
+    one = f" One sample is {1e3 / rate:.3g} ms." if np.isfinite(rate) else ""
+    return Chart(
+        title,
+        f"Weights of the present and the past samples of {behind}. A single 1 at lag 0 is no memory at all: the "
+        f"friction follows at once. Weights at later lags are lag, delay or smoothing.{one}",
+        lambda: _taps(result.time_s[result.snapshot_index], np.array(values)),
+    )
+
+
+def _taps(seconds: Floats, values: Floats) -> UIElement:
+    over = look.chart("time (s)", "tap (1)", 260)
+    for lag in range(values.shape[1]):
+        look_of = {"line_color": look.LAGS[lag % len(look.LAGS)], "line_dash": look.DASHES[lag // len(look.LAGS) % 3]}
+        drawn = over.line(seconds, values[:, lag], line_width=1.5, **look_of)
+        look.labelled(over, drawn, f"lag {lag}")
+    last = values[-1]
+    lags = np.arange(last.size)
+    ends = look.chart("lag (samples)", "tap at the end (1)", 220)
+    source = ColumnDataSource({"lag": lags, "zero": np.zeros(last.size), "tap": last})
+    stems = ends.segment("lag", "zero", "lag", "tap", source=source, line_width=2, line_color=look.INKS["predicted"])
+    dots = ends.scatter("lag", "tap", source=source, size=8, color=look.INKS["predicted"])
+    for glyph in (stems.glyph, dots.glyph):
+        look.ink(glyph, "predicted")
+    ends.add_layout(look.ink(Span(location=0.0, dimension="width", line_width=1), "unsupported"))
+    ends.xaxis.ticker.desired_num_ticks = int(min(10, last.size))
+    ends.xaxis.ticker.min_interval = 1
+    look.hover(ends, [dots], [("lag", "@lag samples"), ("tap", "@tap{0.0000}")])
+    return column(over, ends, sizing_mode="stretch_width", spacing=4)

@@ -1,0 +1,159 @@
+"""Signals over time: velocity, friction measured and predicted, and what is left, one time axis under all."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from bokeh.layouts import column
+from bokeh.models import ColumnDataSource, CustomJS, Label, Range1d, Span, UIElement
+
+from friction_estimator.core import metrics
+from friction_estimator.core.quantities import FORCE, VELOCITY, Quantities
+from friction_estimator.core.sample import Bools, Floats
+from friction_estimator.report.page import envelope, look
+from friction_estimator.report.page.content import Chart
+
+NORMAL_95 = 1.959964
+
+CLOSE = 8192
+"""Samples of a piece that is kept in full, at the most."""
+
+
+@dataclass(frozen=True)
+class Signals:
+    """What is drawn over time, arrays of one length n, SI units.
+
+    Attributes
+    ----------
+    restart : where a line is interrupted.
+    predicted : name of a curve -> (n,), the last one in the colour of the prediction, an earlier one in the theory's.
+    residual : the same names -> measured less predicted, (n,).
+    deviation_N : (n,), standard deviation of the last prediction; None where there is none.
+    close : pieces of it that are kept sample by sample, by the name of their button.
+    marks : (time, s; word) of what happens in between.
+    """
+
+    time_s: Floats
+    restart: Bools
+    velocity_m_s: Floats
+    measured_N: Floats
+    predicted: Mapping[str, Floats]
+    residual: Mapping[str, Floats]
+    deviation_N: Floats | None = None
+    close: Mapping[str, slice] = field(default_factory=dict)
+    marks: Sequence[tuple[float, str]] = ()
+
+
+def cycles_of(velocity_m_s: Floats, error_N: Floats, parts: Sequence[slice]) -> dict[str, slice]:
+    """Return the first, the worst and the last drive cycle (tenths of the record where it has no cycles)."""
+    found: list[slice] = []
+    for part in parts:
+        inside = metrics.drive_cycles(velocity_m_s[part])
+        edges = np.linspace(0, part.stop - part.start, 11).astype(int)
+        inside = inside or [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a]
+        found += [slice(part.start + one.start, part.start + one.stop) for one in inside]
+    if not found:
+        return {}
+    with np.errstate(invalid="ignore", over="ignore"):
+        power = [float(np.nanmean(np.square(error_N[one])) if np.isfinite(error_N[one]).any() else 0.0) for one in found]
+    word = "cycle" if any(metrics.drive_cycles(velocity_m_s[part]) for part in parts) else "tenth"
+    return {f"first {word}": found[0], f"worst {word}": found[int(np.argmax(power))], f"last {word}": found[-1]}
+
+
+def chart(title: str, caption: str, signals: Signals, q: Quantities, rows: int = envelope.FINEST) -> Chart:
+    """Return the chart, with a button for each piece that is kept in full."""
+    jumps = [
+        (name, float(signals.time_s[part.start]), float(signals.time_s[part.stop - 1]))
+        for name, part in signals.close.items()
+    ]
+    return Chart(title, caption, lambda: _build(signals, q, rows), explorer=True, jumps=jumps)
+
+
+def _columns(signals: Signals, q: Quantities) -> dict[str, Floats]:
+    """Return every line in the reader's units, by the name that the page's script knows."""
+    usual = float(np.quantile(np.abs(signals.measured_N), 0.999)) or 1.0
+    out = {"velocity": q.value(signals.velocity_m_s, VELOCITY), "measured": q.value(signals.measured_N, FORCE)}
+    names = list(signals.predicted)
+    for number, name in enumerate(names):
+        end = "" if number == len(names) - 1 else f"_{number}"
+        out[f"predicted{end}"] = q.value(envelope.readable(signals.predicted[name], usual), FORCE)
+        out[f"residual{end}"] = q.value(envelope.readable(signals.residual[name], usual), FORCE)
+    if signals.deviation_N is not None:
+        half = NORMAL_95 * envelope.readable(signals.deviation_N, usual)
+        for name, sign in (("band_low", -1.0), ("band_high", 1.0)):
+            out[name] = out["predicted"] + sign * q.value(half, FORCE)
+    return out
+
+
+def _build(signals: Signals, q: Quantities, rows: int) -> UIElement:
+    columns = _columns(signals, q)
+    gap = envelope.gaps(signals.time_s, signals.restart)
+    n = signals.time_s.size
+    if n <= (envelope.WHOLE if rows >= envelope.FINEST else rows):
+        tables = [envelope.piece(signals.time_s, columns, gap, slice(0, n))]
+    else:
+        close = envelope.pieces_of(n, list(signals.close.values()), CLOSE)
+        tables = [envelope.table(signals.time_s, columns, gap, rows)]
+        tables += [envelope.piece(signals.time_s, columns, gap, part) for part in close]
+    stores = [
+        ColumnDataSource(dict(one.columns), tags=[{"steps": dict(one.steps), "samples": one.samples_per_row}])
+        for one in tables
+    ]
+    shown = ColumnDataSource({name: np.zeros(0) for name in ("time_s", *columns)}, name="shown")
+    time = Range1d(float(signals.time_s[0]), float(signals.time_s[-1]) or 1.0, name="time")
+    panels = [
+        _panel("velocity", f"velocity ({q.velocity})", 170, time),
+        _panel("friction", f"friction ({q.force})", 300, time),
+        _panel("residual", f"measured - predicted ({q.force})", 190, time),
+    ]
+    _draw(panels, shown, list(signals.predicted), "band_low" in columns)
+    for panel in panels:
+        panel.add_layout(
+            look.ink(Span(dimension="height", line_width=1, line_dash="dotted", name=f"cursor_{panel.name}"), "text")
+        )
+        for seconds, word in signals.marks:
+            panel.add_layout(look.ink(Span(location=seconds, dimension="height", line_dash="dashed"), "unsupported"))
+            if panel is panels[0]:
+                panel.add_layout(
+                    look.ink(
+                        Label(
+                            x=seconds, y=4, y_units="screen", x_offset=4, text=word, text_font_size="11px",
+                            text_color=look.INKS["text"],
+                        ),
+                        "text",
+                    )
+                )  # fmt: skip
+    panels[0].xaxis.visible = panels[1].xaxis.visible = False
+    panels[2].xaxis.axis_label = "time (s)"
+    # What holds the tables is never drawn: it must hang on something to get into the page.
+    keep = CustomJS(args={f"store_{k}": store for k, store in enumerate(stores)}, code="", name="stores")
+    panels[0].js_on_event("reset", keep)
+    for panel in panels[1:]:
+        panel.toolbar_location = None
+    return column(*panels, sizing_mode="stretch_width", spacing=0)
+
+
+def _panel(name: str, label: str, height: int, time: Range1d) -> look.figure:
+    panel = look.chart("", label, height, x_range=time, y_range=Range1d(0.0, 1.0), name=name)
+    panel.min_border_left = 76  # as wide in each, so that the times stand one under another
+    panel.yaxis.ticker.desired_num_ticks = 4 if height < 200 else 6
+    return panel
+
+
+def _draw(panels: Sequence[look.figure], shown: ColumnDataSource, names: Sequence[str], banded: bool) -> None:
+    """Draw all lines from the source that the page's script fills for the time in sight."""
+
+    def draw(panel: look.figure, name: str, ink: str, label: str, **options: float | str) -> None:
+        look.line(panel, "time_s", name, ink, label, source=shown, **options)  # type: ignore[arg-type]
+
+    draw(panels[0], "velocity", "theory", "")
+    draw(panels[1], "measured", "measured", "measured", line_width=2.6, line_alpha=0.75)
+    if banded:
+        look.band(panels[1], "time_s", "band_low", "band_high", "predicted", "95 % band", 0.18)  # type: ignore[arg-type]
+        panels[1].renderers[-1].data_source = shown  # type: ignore[union-attr]
+    for number, name in enumerate(names):
+        last = number == len(names) - 1
+        end, ink = ("", "predicted") if last else (f"_{number}", "theory")
+        draw(panels[1], f"predicted{end}", ink, name, line_width=1.2)
+        draw(panels[2], f"residual{end}", "residual" if len(names) == 1 else ink, "" if len(names) == 1 else name)
+    panels[2].add_layout(look.ink(Span(location=0.0, dimension="width", line_width=1), "unsupported"))

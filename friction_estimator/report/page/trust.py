@@ -1,0 +1,210 @@
+"""How far a replay or a fit is to be trusted: its errors in physical units, the light, and advice where it is not green."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from friction_estimator.core import metrics
+from friction_estimator.core.fit.frozen_score import FrozenScore
+from friction_estimator.core.online.replay import Replay
+from friction_estimator.core.quantities import FORCE, VELOCITY, Quantities
+from friction_estimator.core.sample import Samples
+from friction_estimator.report import figures
+from friction_estimator.report.page.content import CAUTION, GOOD, STOP, Advice, Light
+
+CLEARLY = 1.05
+"""A rival that is closer by less than this factor is as good, not better."""
+
+LEAST_COVERED = 0.8
+"""Share of the velocities that occur which data must support."""
+
+MOST_OUTSIDE = 0.01
+"""Share of another recording's samples at velocities never learned: a hundredth of them made 98 % of an error there."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that a reader must know before relying on the result."""
+
+    level: str
+    reason: str
+    advice: Advice
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Rms errors over the last fifth of what was learned from, N, and the friction's spread there."""
+
+    model: float
+    spread: float
+    rivals: Mapping[str, float]
+
+    @property
+    def share(self) -> float:
+        """The model's error over the spread."""
+        return self.model / self.spread if self.spread > 0.0 else float("nan")
+
+
+def errors_at_the_end(result: Replay) -> Errors:
+    """Return the errors over the last fifth: of the model, the mean, the last value, the theory and the known curve."""
+    samples = result.samples
+    part = slice(len(samples) - max(2, len(samples) // 5), None)
+    measured, residual = samples.friction_N[part], result.residual_N[part]
+
+    def rms(error: np.ndarray) -> float:
+        with np.errstate(over="ignore", invalid="ignore"):
+            return float(np.sqrt(np.mean(np.square(error)))) if error.size else float("nan")
+
+    follows = ~samples.restart[part][1:]
+    rivals = {"persistence": rms(np.diff(measured)[follows])}
+    if result.theory_N is not None:
+        rivals["theory"] = rms(measured - result.theory_N[part])
+    if "coulomb_viscous" in result.baseline_curves:
+        known = result.baseline_curves["coulomb_viscous"].evaluate(samples.velocity_m_s[part])
+        rivals["coulomb_viscous"] = rms(measured - known)
+    return Errors(rms(residual), metrics.spread(measured), rivals)
+
+
+NAMES = {
+    "persistence": "the guess that friction stays as it was one sample ago",
+    "theory": "the theoretical curve alone",
+    "coulomb_viscous": "Coulomb and viscous friction fitted to the same samples",
+}
+"""Rival -> how a sentence calls it."""
+
+
+def trust(
+    result: Replay, scores: list[tuple[str, FrozenScore]], q: Quantities, fitted: bool
+) -> tuple[Light, list[Advice]]:
+    """Return the light and the advice.
+
+    Parameters
+    ----------
+    scores : what was predicted without learning, by name. fitted : True for a batch fit, whose samples were all known.
+    """
+    found = [*_ending(result, q, fitted), *_elsewhere(scores, q), *_theory(result), *_covered(result, q)]
+    if not scores:
+        found.append(
+            Finding(
+                CAUTION,
+                "it was fitted to these samples and judged by them: nothing says yet how it does on another drive"
+                if fitted
+                else "every figure is of a model that goes on learning: nothing says yet how it does on another drive",
+                Advice("Judge it without learning, by another recording or by the second half of this one.", "--test"),
+            )
+        )
+    stops = [one for one in found if one.level == STOP]
+    if stops:
+        light = Light(STOP, _reasons(stops))
+    elif found:
+        light = Light(CAUTION, _reasons(found))
+    else:
+        worst = max(score.nrmse for _, score in scores)
+        light = Light(
+            GOOD,
+            f"Without learning it errs by at most {100 * worst:.2g} % of the spread, it is closer than curves of "
+            "velocity alone (Coulomb and viscous, Stribeck), and was asked about no velocity that it never saw.",
+        )
+    return light, [one.advice for one in sorted(found, key=lambda one: one.level != STOP)]
+
+
+def _reasons(found: list[Finding]) -> str:
+    text = "; ".join(one.reason for one in found)
+    return text[0].upper() + text[1:] + "."
+
+
+def _ending(result: Replay, q: Quantities, fitted: bool) -> list[Finding]:
+    """Judge the end of what was learned from."""
+    errors = errors_at_the_end(result)
+    if result.figures()["diverged"] or not np.isfinite(errors.model):
+        text = "Lower the step size of this law, or take the default law, which cannot run away so."
+        return [Finding(STOP, "the estimate diverged", Advice(text, "--law rls"))]
+    if errors.model >= errors.spread:
+        text = (
+            "Check which topic, axis, joint and sign are read, and that both clocks agree (`friction_estimator info`)."
+        )
+        return [Finding(STOP, "it is no better than always saying the mean", Advice(text))]
+    out = []
+    known = errors.rivals.get("coulomb_viscous")
+    if known is not None and errors.model > CLEARLY * known:
+        reason = f"{NAMES['coulomb_viscous']} is closer ({q.text(known, FORCE, '.2g')} rms)"
+        text = "Record longer, with speeds that vary within a stroke; until then use the simple curve."
+        out.append(Finding(STOP, reason, Advice(text)))
+    guess = errors.rivals["persistence"]
+    if errors.model > CLEARLY * guess and not fitted:
+        reason = f"{NAMES['persistence']} is closer ({q.text(guess, FORCE, '.2g')} rms)"
+        text = (
+            "Where friction is measured anyway, the last value predicts the next one better. The model serves where "
+            "it is not measured: compensation, simulation, watching for change."
+        )
+        out.append(Finding(CAUTION, reason, Advice(text)))
+    return out
+
+
+def _elsewhere(scores: list[tuple[str, FrozenScore]], q: Quantities) -> list[Finding]:
+    """Judge what was predicted without learning."""
+    out = []
+    for name, score in scores:
+        known = score.baselines.get("coulomb_viscous")
+        if not score.nrmse < 1.0:
+            text = (
+                "Learn from a recording with this drive's speeds and pressures; what was learned does not hold there."
+            )
+            out.append(Finding(STOP, f"without learning it is no better than the mean on {name}", Advice(text)))
+        elif known is not None and score.nrmse > CLEARLY * known:
+            rms = q.text(known * score.spread_N, FORCE, ".2g")
+            text = "Learn from both drives, or export the simple curve for this one."
+            out.append(Finding(STOP, f"{NAMES['coulomb_viscous']} is closer on {name} ({rms} rms)", Advice(text)))
+        else:
+            out += _stribeck(name, score, q)
+    return out
+
+
+def _stribeck(name: str, score: FrozenScore, q: Quantities) -> list[Finding]:
+    """Judge by the better one of the two Stribeck curves."""
+    known = [value for key in ("stribeck", "stribeck_asymmetric") if (value := score.baselines.get(key)) is not None]
+    if not known or score.nrmse <= CLEARLY * min(known):
+        return []
+    rms = q.text(min(known) * score.spread_N, FORCE, ".2g")
+    text = "There a simpler curve does: `friction_estimator export` writes it; or learn from both drives."
+    return [Finding(CAUTION, f"a Stribeck curve fitted to what was learned is closer on {name} ({rms} rms)", Advice(text))]
+
+
+def _theory(result: Replay) -> list[Finding]:
+    """Judge the theoretical curve."""
+    if result.theory_N is None:
+        return []
+    alone = metrics.nrmse(result.samples.friction_N, result.theory_N)
+    if alone < 1.0:
+        return []
+    text = (
+        "Set the machine's own data (seal.*, or theory.table), or do without: theory.kind none. The model has learned "
+        "to correct the curve, but outside of what it saw it falls back on it."
+    )
+    reason = f"the theoretical curve is not of this machine (alone it errs by {100 * alone:.3g} % of the spread)"
+    return [Finding(CAUTION, reason, Advice(text))]
+
+
+def _covered(result: Replay, q: Quantities) -> list[Finding]:
+    """Judge whether data support the velocities that are asked for."""
+    out = []
+    curve, v = result.outlook, result.samples.velocity_m_s
+    inside = (curve.velocity_m_s >= v.min()) & (curve.velocity_m_s <= v.max())
+    share = float(figures.supported(curve, result.curve)[inside].mean()) if inside.any() else 1.0
+    if share < LEAST_COVERED:
+        ends = q.range_text((float(v.min()), float(v.max())), VELOCITY, ".3g")
+        text = "Record strokes that pass through all speeds slowly enough; the grey parts of the map are missing."
+        out.append(Finding(CAUTION, f"data support only {100 * share:.0f} % of the velocities {ends}", Advice(text)))
+    low, high = result.curve.velocity_m_s[0], result.curve.velocity_m_s[-1]
+    for other in result.others:
+        beyond = _outside(other.samples, low, high)
+        if beyond > MOST_OUTSIDE:
+            text = "Beyond the velocities learned the curve is a guess: learn from a recording that has them."
+            reason = f"{100 * beyond:.2g} % of {other.name} is at velocities never learned"
+            out.append(Finding(CAUTION, reason, Advice(text)))
+    return out
+
+
+def _outside(samples: Samples, low: float, high: float) -> float:
+    return float(np.mean((samples.velocity_m_s < low) | (samples.velocity_m_s > high)))
