@@ -103,7 +103,9 @@ def _demonstrate(args: argparse.Namespace, output: common.Output) -> int:
         "live_equals_replay": equal,
     }
     with output.part() as part:
-        write_results(part, recording, live_result, summary, words=["python", "-m", "friction_estimator.cli.demo", *sys.argv[1:]])
+        write_results(
+            part, recording, live_result, summary, words=["python", "-m", "friction_estimator.cli.demo", *sys.argv[1:]]
+        )
     say(f"predictions {summary['predictions']} of {len(samples)} samples, all received over DDS")
     say(f"replay      {'gives the same predictions bit for bit' if equal else 'DIFFERS from the live node'}")
     say(f"final nrmse {summary['nrmse_final']:.4f}  (the guess f[k-1]: {summary['nrmse_persistence']:.4f})")

@@ -90,7 +90,9 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
     if args.out:
         judged = judged_by(args.bags, extended, args.config)
         with output.part() as folder:
-            summary = _write(folder, Path(args.out), result, config, quantities, args.bags, extended, judged)
+            summary = _write(
+                folder, Path(args.out), result, config, quantities, args.bags, extended, judged, args.words
+            )
         for line in judged:
             output.say(line)
         output.say(f"written: {args.out}")
@@ -152,13 +154,16 @@ def _write(
     bags: list[str],
     extended: str | None,
     judged: list[str],
+    words: list[str],
 ) -> dict[str, Any]:
     """Write the diagnosis into `folder`, which is made here and will be `final`; return its summary."""
+    from friction_estimator.cli.provenance import provenance  # noqa: PLC0415
     from friction_estimator.diagnosis.extend import extended_config  # noqa: PLC0415
-    from friction_estimator.diagnosis.summary import as_json, sentences  # noqa: PLC0415
+    from friction_estimator.diagnosis.summary import as_json  # noqa: PLC0415
     from friction_estimator.documents.configuration import write_config  # noqa: PLC0415
     from friction_estimator.report.diagnosis_figures import write_diagnosis_figures  # noqa: PLC0415
-    from friction_estimator.report.html import Section, write_page  # noqa: PLC0415
+    from friction_estimator.report.page.diagnosis_page import diagnosis_page  # noqa: PLC0415
+    from friction_estimator.report.page.write import write_page  # noqa: PLC0415
 
     folder.mkdir()
     if extended is not None:
@@ -174,11 +179,6 @@ def _write(
     figures = {name: str(final / "figures" / path.name) for name, path in drawn.items()}
     summary = as_json(result, bags, figures, extended, quantities)
     (folder / "summary.json").write_text(common.to_json(summary) + "\n", encoding="utf-8")
-    sections = [Section("Findings", sentences(result, quantities))]
-    if judged:
-        sections.append(Section("The extended model on other recordings", judged))
-    if drawn:
-        sections.append(Section("Figures", figures=[(path, name) for name, path in drawn.items()]))
-    lead = f"{summary['verdict']}: {', '.join(summary['bags'])}"
-    write_page(folder / "report.html", "Diagnosis", lead, sections)
+    details = provenance(words, [Path(bag) for bag in bags], config)
+    write_page(folder / "report.html", diagnosis_page(result, bags, quantities, drawn, judged, details))
     return summary

@@ -68,7 +68,7 @@ def _run(args: argparse.Namespace, output: common.Output) -> int:
         output.say(f"{claim.verdict:<10} {claim.id}: {claim.why}")
     result = {"schema": SCHEMA, "claims": claims}
     with output.part() as folder:
-        write(folder, study, claims, common.to_json(result) + "\n")
+        write(folder, study, claims, common.to_json(result) + "\n", args.words)
     output.say(f"written    {args.out}: claims.json, index.html, figure_3.png to figure_6.png")
     output.result(result)
     return 0
@@ -122,21 +122,18 @@ def judge(plan: Plan, results: dict[tuple[Any, ...], Any]) -> tuple[Study, list[
     return study, claims
 
 
-def write(folder: Path, study: Study, claims: Sequence[Claim], text: str) -> None:
+def write(folder: Path, study: Study, claims: Sequence[Claim], text: str, words: Sequence[str]) -> None:
     """Write claims.json, figures and page into `folder`, which is made here."""
-    from friction_estimator.report.html import Section, write_page  # noqa: PLC0415 - workers do not draw
+    from friction_estimator.cli.provenance import provenance  # noqa: PLC0415 - workers do not draw
+    from friction_estimator.report.page.paper_page import paper_page  # noqa: PLC0415
+    from friction_estimator.report.page.write import write_page  # noqa: PLC0415
     from friction_estimator.report.reproduce_figures import write_figures  # noqa: PLC0415
 
     folder.mkdir()
     (folder / "claims.json").write_text(text, encoding="utf-8")
     figures = write_figures(study, folder)
-    overview = [("claim", "verdict", "why"), *((c.statement, c.verdict, c.why) for c in claims)]
-    sections = [
-        Section("Claims", ["Verdicts are computed from the numbers below; intervals are 95 %."], overview),
-        Section("Figures", figures=figures),
-        *(Section(c.id.replace("_", " "), [c.statement, c.experiment], _table(c)) for c in claims),
-    ]
-    write_page(folder / "index.html", "The paper, reproduced and put to the test", str(study.plan), sections)
+    page = paper_page(study, claims, _table, figures, provenance(words, [], None))
+    write_page(folder / "index.html", page)
 
 
 def _table(claim: Claim) -> list[tuple[object, ...]]:

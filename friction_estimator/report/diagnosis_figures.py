@@ -79,6 +79,12 @@ class Axis:
         return values * self.factor
 
 
+def axis_of(variable: str, quantities: Quantities, values: Floats) -> Axis:
+    """Return the axis of a field of `Features` with these values."""
+    name, unit, factor = AXES[variable]
+    return Axis(quantities, name, unit, factor, values)
+
+
 def write_diagnosis_figures(
     result: Diagnosis, folder: str | os.PathLike[str], quantities: Quantities
 ) -> dict[str, Path]:
@@ -109,9 +115,9 @@ def _modelled(result: Diagnosis, found: Found, quantities: Quantities) -> Figure
     name = EFFECTS[found.name].reveals
     values = after.features.force_N if name == "force_N" else getattr(after.features, name)
     used = result.record.used & np.isfinite(values)
-    reach = _reach(name, found, result)
+    reach = reach_of(name, found, result)
     used &= values <= reach
-    across = Axis(quantities, *AXES[name], values[used])
+    across = axis_of(name, quantities, values[used])
     turns = EFFECTS[found.name].turns
     folded = np.sign(result.record.features.velocity_m_s) if turns else np.ones(values.size)
     figure = Figure(figsize=(10, 4.2))
@@ -174,7 +180,7 @@ def _delayed(result: Diagnosis, found: Found, quantities: Quantities) -> Figure:
     return figure
 
 
-def _reach(name: str, found: Found, result: Diagnosis) -> float:
+def reach_of(name: str, found: Found, result: Diagnosis) -> float:
     """Return the largest value of the revealing variable that is shown."""
     if name not in NEAR:
         return float("inf")

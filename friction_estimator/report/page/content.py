@@ -103,6 +103,7 @@ class Section:
     ----------
     table : rows of cells; the first row is the head.
     commands : to be copied. folded : True where only the heading shows until it is asked for.
+    files : (figure, caption), shown beside charts too.
     """
 
     title: str
@@ -112,6 +113,7 @@ class Section:
     cards: Sequence[Card] = ()
     commands: Sequence[str] = ()
     folded: bool = False
+    files: Sequence[tuple[Path, str]] = ()
 
 
 @dataclass(frozen=True)

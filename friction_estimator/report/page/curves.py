@@ -28,16 +28,16 @@ def friction_map(result: Replay, q: Quantities) -> Chart:
     return Chart(
         figures.conditions(result, result.outlook),
         "The darker, the more samples. The band holds the curve with 95 % probability. Dashed and grey is what no data "
-        "support: do not use it. Click a name above the chart to hide or show it; hold Ctrl and turn the wheel to zoom.",
+        "support: do not use it. Click a name above the chart to hide or show it; Ctrl and the wheel zoom.",
         lambda: _map(result, q),
     )
 
 
 def _map(result: Replay, q: Quantities) -> UIElement:
     samples, curve = result.samples, result.outlook
-    v = np.asarray(q.value(curve.velocity_m_s, VELOCITY))
+    v = look.in_units(q, curve.velocity_m_s, VELOCITY)
     velocity, friction = (
-        np.asarray(q.value(x, u)) for x, u in ((samples.velocity_m_s, VELOCITY), (samples.friction_N, FORCE))
+        look.in_units(q, x, u) for x, u in ((samples.velocity_m_s, VELOCITY), (samples.friction_N, FORCE))
     )
     ends = min(v[0], velocity.min()), max(v[-1], velocity.max())
     reach = 1.2 * float(q.value(figures.usual_size(samples.friction_N), FORCE))
@@ -45,21 +45,20 @@ def _map(result: Replay, q: Quantities) -> UIElement:
         f"velocity ({q.velocity})", f"friction ({q.force})", 460, x_range=look.spanning(*ends, 0.02),
         y_range=look.spanning(-reach, reach, 0.0),
     )  # fmt: skip
-    _counted(target, velocity, friction, ends, (-reach, reach))
-    middle, low, high = (np.asarray(q.value(x, FORCE)) for x in (curve.friction_N, curve.low_N, curve.high_N))
+    counted(target, velocity, friction, ends, (-reach, reach))
+    middle, low, high = (look.in_units(q, x, FORCE) for x in (curve.friction_N, curve.low_N, curve.high_N))
     supported = figures.supported(curve, result.curve)
     for where, name, label in ((supported, "predicted", "95 % band"), (~supported, "unsupported", "band, no data")):
-        for start, stop in _runs(figures.reaching(where) if where.any() else where):
-            label = "" if not label else label
-            look.band(target, v[start:stop], low[start:stop], high[start:stop], name, label)
-            label = ""
+        for number, (start, stop) in enumerate(_runs(figures.reaching(where))):
+            part = slice(start, stop)
+            look.band(target, v[part], low[part], high[part], name, "" if number else label)
     theory = figures.theory_curve(result, curve.velocity_m_s, curve)
     if theory is not None:
-        look.line(target, v, np.asarray(q.value(theory, FORCE)), "theory", "theoretical curve", line_dash="dotted")
+        look.line(target, v, look.in_units(q, theory, FORCE), "theory", "theoretical curve", line_dash="dotted")
     if "coulomb_viscous" in result.baseline_curves:
         known = result.baseline_curves["coulomb_viscous"].evaluate(curve.velocity_m_s)
         look.line(
-            target, v, np.asarray(q.value(known, FORCE)), "known", "Coulomb and viscous, fitted", line_dash="dotdash"
+            target, v, look.in_units(q, known, FORCE), "known", "Coulomb and viscous, fitted", line_dash="dotdash"
         )
     drawn = []
     for where, name, label in ((supported, "predicted", "learned"), (~supported, "unsupported", "learned, no data")):
@@ -82,9 +81,7 @@ def _runs(where: Bools) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in zip(change[::2], change[1::2], strict=True)]
 
 
-def _counted(
-    target: look.figure, x: Floats, y: Floats, across: tuple[float, float], along: tuple[float, float]
-) -> None:
+def counted(target: look.Plot, x: Floats, y: Floats, across: tuple[float, float], along: tuple[float, float]) -> None:
     """Draw the density of samples; fewer cells where samples are few."""
     seen = np.isfinite(x) & np.isfinite(y)
     fewer = min(1.0, max(0.4, float(np.sqrt(x.size / 20_000))))
@@ -126,7 +123,7 @@ def _against(channel: Channel, residual: Floats, used: Bools, q: Quantities, bin
     )  # fmt: skip
     if not x.size or ends[1] <= ends[0]:
         return target
-    _counted(target, x, y, ends, (-edge, edge))
+    counted(target, x, y, ends, (-edge, edge))
     at, mean, scatter = binned(x, y, bins)
     look.band(target, at, mean - scatter, mean + scatter, "residual", "± one standard deviation", 0.2)
     drawn = look.line(target, at, mean, "residual", "mean", line_width=2.0)
@@ -156,7 +153,7 @@ def binned(x: Floats, y: Floats, bins: int = 0) -> tuple[Floats, Floats, Floats]
 def channels(result: Replay, q: Quantities) -> Sequence[Channel]:
     """Return what a replay's residual is shown against: what was recorded, and the acceleration."""
     samples = result.samples
-    out = [Channel(f"velocity ({q.velocity})", np.asarray(q.value(samples.velocity_m_s, VELOCITY)))]
+    out = [Channel(f"velocity ({q.velocity})", look.in_units(q, samples.velocity_m_s, VELOCITY))]
     step = np.diff(result.time_s, prepend=np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
         acceleration = np.where(samples.restart, np.nan, np.diff(samples.velocity_m_s, prepend=np.nan) / step)
@@ -165,9 +162,9 @@ def channels(result: Replay, q: Quantities) -> Sequence[Channel]:
     if known.size:
         limit = float(np.quantile(np.abs(known), 0.999))
         acceleration[np.abs(acceleration) > limit] = np.nan
-        out.append(Channel(f"acceleration ({q.unit('m/s2')})", np.asarray(q.value(acceleration, "m/s2"))))
+        out.append(Channel(f"acceleration ({q.unit('m/s2')})", look.in_units(q, acceleration, "m/s2")))
     recorded = (
-        (samples.position_m, f"position ({q.position})", lambda x: np.asarray(q.value(x, "m"))),
+        (samples.position_m, f"position ({q.position})", lambda x: look.in_units(q, x, "m")),
         (samples.pressure_Pa, "absolute pressure (bar)", lambda x: x * 1e-5),
         (samples.temperature_degC, "temperature (°C)", lambda x: x),
     )

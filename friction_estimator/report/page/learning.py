@@ -41,8 +41,8 @@ def error_by_cycle(result: Replay, q: Quantities, fitted: bool) -> Chart:
 def _errors(result: Replay, q: Quantities) -> UIElement:
     samples, merit = result.samples, result.figures()
     spread = metrics.spread(samples.friction_N)
-    errors = np.asarray(q.value(spread * np.array(merit["nrmse_by_cycle"]), FORCE))
-    number = np.arange(1, errors.size + 1)
+    errors = look.in_units(q, spread * np.array(merit["nrmse_by_cycle"]), FORCE)
+    number = np.arange(1.0, errors.size + 1.0)
     levels = [
         ("noise floor", noise_floor(samples.friction_N, samples.restart), "measured", "dotted"),
         ("guess: as one sample ago", spread * merit["nrmse_persistence"], "unsupported", "dashed"),

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 from bokeh.models import (
     BasicTicker,
@@ -19,7 +19,10 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 
+from friction_estimator.core.quantities import Quantities
 from friction_estimator.core.sample import Floats
+
+Plot: TypeAlias = figure
 
 INKS = {
     "measured": "#5f6b7a",
@@ -41,8 +44,16 @@ DASHES = ("solid", "dashed", "dotted")
 DENSITY = [f"#7c8796{round(48 + 207 * k / 15):02x}" for k in range(16)]
 """Few samples to many: one grey, the more opaque the more samples, so that it serves both pages."""
 
-PLAIN = "return Math.abs(tick) >= 1e5 || (tick !== 0 && Math.abs(tick) < 1e-4) ? tick.toExponential(0) : String(+tick.toPrecision(3))"
-"""Ticks of a logarithmic axis as numbers that one reads: 0.02, not 2 times ten to the minus two."""  # fmt: skip
+PLAIN = """
+const far = Math.abs(tick) >= 1e5 || (tick !== 0 && Math.abs(tick) < 1e-4);
+return far ? tick.toExponential(0) : String(+tick.toPrecision(3));
+"""
+"""Ticks of a logarithmic axis as numbers that one reads: 0.02, not 2 times ten to the minus two."""
+
+
+def in_units(q: Quantities, values: Floats, unit: str) -> Floats:
+    """Return values in SI units as the reader's; `unit` is that of a linear drive."""
+    return values * q.value(1.0, unit)
 
 
 def readable_ticks(low: float, high: float) -> list[float]:
@@ -63,7 +74,7 @@ def ink(model: Any, name: str) -> Any:
     return model
 
 
-def chart(x_label: str, y_label: str, height: int = 320, **options: Any) -> figure:
+def chart(x_label: str, y_label: str, height: int = 320, **options: Any) -> Plot:
     """Return an empty figure as wide as the page, with units in its labels, pan, zoom and a button that saves it."""
     out = figure(
         sizing_mode="stretch_width",
@@ -96,22 +107,31 @@ def chart(x_label: str, y_label: str, height: int = 320, **options: Any) -> figu
     return out
 
 
-def line(target: figure, x: Floats, y: Floats, name: str, label: str = "", **options: Any) -> Any:
-    """Draw a line in the colour `name`; NaN interrupts it."""
+def line(target: Plot, x: Floats | str, y: Floats | str, name: str, label: str = "", **options: Any) -> Any:
+    """Draw a line in the colour `name`; NaN interrupts it. With `source` in the options, x and y name its columns."""
     options = {"line_width": 1.6, "line_color": INKS[name]} | options
     drawn = target.line(x, y, **options)
     ink(drawn.glyph, name)
     return labelled(target, drawn, label)
 
 
-def band(target: figure, x: Floats, low: Floats, high: Floats, name: str, label: str = "", alpha: float = 0.22) -> Any:
+def band(
+    target: Plot,
+    x: Floats | str,
+    low: Floats | str,
+    high: Floats | str,
+    name: str,
+    label: str = "",
+    alpha: float = 0.22,
+    **options: Any,
+) -> Any:
     """Fill between two lines."""
-    drawn = target.varea(x, low, high, fill_color=INKS[name], fill_alpha=alpha)
+    drawn = target.varea(x, low, high, **options, fill_color=INKS[name], fill_alpha=alpha)
     ink(drawn.glyph, name)
     return labelled(target, drawn, label)
 
 
-def labelled(target: figure, drawn: Any, label: str) -> Any:
+def labelled(target: Plot, drawn: Any, label: str) -> Any:
     """Put a drawn glyph into the legend, which stands above the chart and never over data."""
     if label:
         if not target.legend:
@@ -130,7 +150,7 @@ def labelled(target: figure, drawn: Any, label: str) -> Any:
     return drawn
 
 
-def density(target: figure, count: Floats, span: tuple[float, float], reach: tuple[float, float]) -> None:
+def density(target: Plot, count: Floats, span: tuple[float, float], reach: tuple[float, float]) -> None:
     """Draw how many samples lie where, (cells of y, cells of x), with its colour bar."""
     mapper = LogColorMapper(palette=DENSITY, low=1, high=max(2.0, float(count.max())), low_color="#00000000")
     target.image(
@@ -152,7 +172,7 @@ def density(target: figure, count: Floats, span: tuple[float, float], reach: tup
     target.add_layout(bar, "right")
 
 
-def hover(target: figure, drawn: Sequence[Any], tips: Sequence[tuple[str, str]], mode: str = "mouse") -> None:
+def hover(target: Plot, drawn: Sequence[Any], tips: Sequence[tuple[str, str]], mode: str = "mouse") -> None:
     """Show values under the pointer."""
     target.add_tools(HoverTool(renderers=list(drawn), tooltips=list(tips), mode=mode, line_policy="nearest"))
 

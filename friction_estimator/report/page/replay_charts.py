@@ -5,7 +5,7 @@ import numpy as np
 from friction_estimator.core.online.replay import Judged, Replay
 from friction_estimator.core.quantities import FORCE, Quantities
 from friction_estimator.core.text import LONGEST_NAME, shown
-from friction_estimator.report.page import curves, envelope, learning, signals
+from friction_estimator.report.page import curves, envelope, learning, look, signals
 from friction_estimator.report.page.content import Chart
 
 OTHERS_ROWS = 16_000
@@ -87,7 +87,7 @@ def _other(other: Judged, q: Quantities, rows: int) -> Chart:
 
 def _left(result: Replay, q: Quantities) -> list[Chart]:
     usual = float(np.quantile(np.abs(result.samples.friction_N), 0.999)) or 1.0
-    residual = np.asarray(q.value(envelope.readable(result.residual_N, usual), FORCE))
+    residual = look.in_units(q, envelope.readable(result.residual_N, usual), FORCE)
     late = np.ones(residual.size, np.bool_)
     late[: residual.size // 5] = False  # the first fifth shows how it was learned, not what the model cannot know
     return [curves.against(channel, residual, late, q) for channel in curves.channels(result, q)]

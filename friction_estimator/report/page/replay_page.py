@@ -12,7 +12,7 @@ from friction_estimator.core.online.replay import Replay
 from friction_estimator.core.quantities import FORCE, Quantities
 from friction_estimator.core.text import LONGEST_NAME, shown
 from friction_estimator.report.page import trust
-from friction_estimator.report.page.content import Chart, Page, Section
+from friction_estimator.report.page.content import Advice, Chart, Page, Section
 from friction_estimator.report.page.write import is_interactive
 
 
@@ -67,14 +67,14 @@ def replay_page(
     )
 
 
-def _with_command(advice: trust.Advice, summary: Mapping[str, Any]) -> trust.Advice:
+def _with_command(advice: Advice, summary: Mapping[str, Any]) -> Advice:
     """Return advice whose command is whole: the verb over the same recordings."""
     if not advice.command:
         return advice
     verb = "identify" if summary["law"] == "batch" else "replay"
     more = {"--test": "--test OTHER_RECORDING"}.get(advice.command, advice.command)
     bags = " ".join(shown(bag, LONGEST_NAME) for bag in summary["bags"])
-    return trust.Advice(advice.text, f"friction_estimator {verb} {bags} {more}")
+    return Advice(advice.text, f"friction_estimator {verb} {bags} {more}")
 
 
 def _verdict(result: Replay, scores: list[tuple[str, FrozenScore]], q: Quantities, fitted: bool) -> str:

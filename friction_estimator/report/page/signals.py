@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from bokeh.layouts import column
@@ -44,20 +45,25 @@ class Signals:
     marks: Sequence[tuple[float, str]] = ()
 
 
-def cycles_of(velocity_m_s: Floats, error_N: Floats, parts: Sequence[slice]) -> dict[str, slice]:
-    """Return the first, the worst and the last drive cycle (tenths of the record where it has no cycles)."""
+def cycles_of(velocity_m_s: Floats, error_N: Floats, parts: Sequence[slice], worst: str = "worst") -> dict[str, slice]:
+    """Return the first, the worst and the last drive cycle (tenths of the record where it has no cycles).
+
+    `worst` is what the one with the largest error is called.
+    """
     found: list[slice] = []
     for part in parts:
         inside = metrics.drive_cycles(velocity_m_s[part])
         edges = np.linspace(0, part.stop - part.start, 11).astype(int)
-        inside = inside or [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a]
+        inside = inside or [slice(int(a), int(b)) for a, b in pairwise(edges) if b > a]
         found += [slice(part.start + one.start, part.start + one.stop) for one in inside]
     if not found:
         return {}
     with np.errstate(invalid="ignore", over="ignore"):
-        power = [float(np.nanmean(np.square(error_N[one])) if np.isfinite(error_N[one]).any() else 0.0) for one in found]
+        power = [
+            float(np.nanmean(np.square(error_N[one])) if np.isfinite(error_N[one]).any() else 0.0) for one in found
+        ]
     word = "cycle" if any(metrics.drive_cycles(velocity_m_s[part]) for part in parts) else "tenth"
-    return {f"first {word}": found[0], f"worst {word}": found[int(np.argmax(power))], f"last {word}": found[-1]}
+    return {f"first {word}": found[0], f"{worst} {word}": found[int(np.argmax(power))], f"last {word}": found[-1]}
 
 
 def chart(title: str, caption: str, signals: Signals, q: Quantities, rows: int = envelope.FINEST) -> Chart:
@@ -72,16 +78,19 @@ def chart(title: str, caption: str, signals: Signals, q: Quantities, rows: int =
 def _columns(signals: Signals, q: Quantities) -> dict[str, Floats]:
     """Return every line in the reader's units, by the name that the page's script knows."""
     usual = float(np.quantile(np.abs(signals.measured_N), 0.999)) or 1.0
-    out = {"velocity": q.value(signals.velocity_m_s, VELOCITY), "measured": q.value(signals.measured_N, FORCE)}
+    out = {
+        "velocity": look.in_units(q, signals.velocity_m_s, VELOCITY),
+        "measured": look.in_units(q, signals.measured_N, FORCE),
+    }
     names = list(signals.predicted)
     for number, name in enumerate(names):
         end = "" if number == len(names) - 1 else f"_{number}"
-        out[f"predicted{end}"] = q.value(envelope.readable(signals.predicted[name], usual), FORCE)
-        out[f"residual{end}"] = q.value(envelope.readable(signals.residual[name], usual), FORCE)
+        out[f"predicted{end}"] = look.in_units(q, envelope.readable(signals.predicted[name], usual), FORCE)
+        out[f"residual{end}"] = look.in_units(q, envelope.readable(signals.residual[name], usual), FORCE)
     if signals.deviation_N is not None:
         half = NORMAL_95 * envelope.readable(signals.deviation_N, usual)
         for name, sign in (("band_low", -1.0), ("band_high", 1.0)):
-            out[name] = out["predicted"] + sign * q.value(half, FORCE)
+            out[name] = out["predicted"] + sign * look.in_units(q, half, FORCE)
     return out
 
 
@@ -133,24 +142,23 @@ def _build(signals: Signals, q: Quantities, rows: int) -> UIElement:
     return column(*panels, sizing_mode="stretch_width", spacing=0)
 
 
-def _panel(name: str, label: str, height: int, time: Range1d) -> look.figure:
+def _panel(name: str, label: str, height: int, time: Range1d) -> look.Plot:
     panel = look.chart("", label, height, x_range=time, y_range=Range1d(0.0, 1.0), name=name)
     panel.min_border_left = 76  # as wide in each, so that the times stand one under another
     panel.yaxis.ticker.desired_num_ticks = 4 if height < 200 else 6
     return panel
 
 
-def _draw(panels: Sequence[look.figure], shown: ColumnDataSource, names: Sequence[str], banded: bool) -> None:
+def _draw(panels: Sequence[look.Plot], shown: ColumnDataSource, names: Sequence[str], banded: bool) -> None:
     """Draw all lines from the source that the page's script fills for the time in sight."""
 
-    def draw(panel: look.figure, name: str, ink: str, label: str, **options: float | str) -> None:
-        look.line(panel, "time_s", name, ink, label, source=shown, **options)  # type: ignore[arg-type]
+    def draw(panel: look.Plot, name: str, ink: str, label: str, **options: float | str) -> None:
+        look.line(panel, "time_s", name, ink, label, source=shown, **options)
 
     draw(panels[0], "velocity", "theory", "")
     draw(panels[1], "measured", "measured", "measured", line_width=2.6, line_alpha=0.75)
     if banded:
-        look.band(panels[1], "time_s", "band_low", "band_high", "predicted", "95 % band", 0.18)  # type: ignore[arg-type]
-        panels[1].renderers[-1].data_source = shown  # type: ignore[union-attr]
+        look.band(panels[1], "time_s", "band_low", "band_high", "predicted", "95 % band", 0.18, source=shown)
     for number, name in enumerate(names):
         last = number == len(names) - 1
         end, ink = ("", "predicted") if last else (f"_{number}", "theory")

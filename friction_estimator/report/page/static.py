@@ -45,7 +45,7 @@ def _text(value: object) -> str:
 def _section(section: Section) -> str:
     inside = "".join(f"<p>{_text(text)}</p>\n" for text in section.paragraphs)
     inside += "".join(f"<pre>{_text(command)}</pre>\n" for command in section.commands)
-    inside += "".join(_card(card) for card in section.cards)
+    inside += "".join(_card(card) for card in section.cards) + _figures(section.files)
     if section.table:
         head, *rows = section.table
         inside += '<div class="wide"><table>\n<tr>' + "".join(f"<th>{_text(one)}</th>" for one in head) + "</tr>\n"
@@ -70,7 +70,8 @@ def _card(card: Card) -> str:
 
 def _figures(files: Sequence[tuple[Path, str]]) -> str:
     return "".join(
-        f'<figure><img alt="{_text(caption)}" src="{embedded(file)}"><figcaption>{_text(caption)}</figcaption></figure>\n'
+        f'<figure><img alt="{_text(caption)}" src="{embedded(file)}">'
+        f"<figcaption>{_text(caption)}</figcaption></figure>\n"
         for file, caption in files
     )
 

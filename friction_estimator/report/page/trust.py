@@ -1,4 +1,4 @@
-"""How far a replay or a fit is to be trusted: its errors in physical units, the light, and advice where it is not green."""
+"""How far to trust a replay or a fit: its errors, the light with its reason, and advice where it is not green."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -168,7 +168,9 @@ def _stribeck(name: str, score: FrozenScore, q: Quantities) -> list[Finding]:
         return []
     rms = q.text(min(known) * score.spread_N, FORCE, ".2g")
     text = "There a simpler curve does: `friction_estimator export` writes it; or learn from both drives."
-    return [Finding(CAUTION, f"a Stribeck curve fitted to what was learned is closer on {name} ({rms} rms)", Advice(text))]
+    return [
+        Finding(CAUTION, f"a Stribeck curve fitted to what was learned is closer on {name} ({rms} rms)", Advice(text))
+    ]
 
 
 def _theory(result: Replay) -> list[Finding]:

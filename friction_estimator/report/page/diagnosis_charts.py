@@ -1,0 +1,111 @@
+"""The charts of a diagnosis: before and after, over time and over the variable that shows the effect."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from bokeh.layouts import column
+from bokeh.models import UIElement
+
+from friction_estimator.core.quantities import FORCE, Quantities
+from friction_estimator.core.sample import Bools, Floats, Ints
+from friction_estimator.diagnosis.joint import Joint
+from friction_estimator.diagnosis.result import Diagnosis, Found
+from friction_estimator.effects.base import EFFECTS
+from friction_estimator.report import diagnosis_figures as figures
+from friction_estimator.report.page import curves, look, signals
+from friction_estimator.report.page.content import Chart
+
+ROWS = 8_000
+"""Rows of extremes of each chart over time: a page may have several."""
+
+PER_RIPPLE = 12
+"""Bins to a wavelength of a ripple that was found: fewer would show another one."""
+
+WAVELENGTHS = ("wavelength", "period", "pitch")
+"""Parameters that say how fine a ripple is."""
+
+
+def over_time(result: Diagnosis, before: Joint, after: Joint, words: tuple[str, str], q: Quantities) -> Chart:
+    """Return measured force beside two models, and what each leaves."""
+    record = result.record
+    time = record.features.active_time_s
+    order: Ints = np.flatnonzero(np.diff(time, prepend=-np.inf) >= 0.0)
+    force = record.friction_N
+    predicted = {word: (force - model.residual_N)[order] for word, model in zip(words, (before, after), strict=True)}
+    left = {word: model.residual_N[order] for word, model in zip(words, (before, after), strict=True)}
+    change = np.abs(before.residual_N - after.residual_N)[order]
+    velocity = record.features.velocity_m_s[order]
+    drawn = signals.Signals(
+        time[order],
+        record.restart[order],
+        velocity,
+        force[order],
+        predicted,
+        left,
+        None,
+        signals.cycles_of(velocity, change, [slice(0, order.size)], "largest change,"),
+    )
+    return signals.chart(
+        "Over time, before and after",
+        f"Measured, and predicted by the model {words[0]} and {words[1]}. Both were fitted to these samples; the gain "
+        "above is measured on samples that the fit never saw. Gaps count as one sample.",
+        drawn,
+        q,
+        ROWS,
+    )
+
+
+def revealing(result: Diagnosis, found: Found, q: Quantities) -> Chart:
+    """Return the residual against the variable that reveals the effect, before and after."""
+    number = found.term
+    before, after = result.models[number], result.models[number + 1]
+    name = EFFECTS[found.name].reveals
+    values = after.features.force_N if name == "force_N" else getattr(after.features, name)
+    used = result.record.used & np.isfinite(values)
+    used &= values <= figures.reach_of(name, found, result)
+    across = figures.axis_of(name, q, values[used])
+    turns = EFFECTS[found.name].turns
+    folded = np.sign(result.record.features.velocity_m_s) if turns else np.ones(values.size)
+    first, last = (look.in_units(q, model.residual_N * folded, FORCE) for model in (before, after))
+    words = " in the direction of motion" if turns else ""
+    return Chart(
+        f"Where it shows: over {across.label.split(' (', maxsplit=1)[0]}",
+        f"What the model leaves{words}, before and after; the darker, the more samples. The dashed line is what the "
+        "effect takes off. Afterwards the mean should lie on zero.",
+        lambda: _pair(across, values, (first, last), used, q, _bins(found, values[used])),
+    )
+
+
+def _bins(found: Found, values: Floats) -> int:
+    """Return how many bins show a ripple of the found length; 0 where there is none."""
+    lengths = [e.value for name, e in found.parameters.items() if name in WAVELENGTHS and e.value > 0.0]
+    return int(PER_RIPPLE * np.ptp(values) / min(lengths)) if lengths and values.size else 0
+
+
+def _pair(
+    across: figures.Axis, values: Floats, left: Sequence[Floats], used: Bools, q: Quantities, bins: int
+) -> UIElement:
+    x = across(values)[used]
+    before, after = (one[used] for one in left)
+    if not x.size:
+        return look.chart(across.label, f"residual ({q.force})", 200)
+    ends = float(x.min()), float(x.max())
+    edge = 1.1 * float(np.quantile(np.abs(np.concatenate([before, after])), 0.998)) or 1.0
+    shared_x, shared_y = look.spanning(*ends, 0.02), look.spanning(-edge, edge, 0.0)
+    panels = []
+    for word, y in (("before", before), ("after", after)):
+        target = look.chart(
+            across.label, f"left {word} ({q.force})", 260, x_range=shared_x, y_range=shared_y, name=f"{word}_left"
+        )
+        if ends[1] > ends[0]:
+            curves.counted(target, x, y, ends, (-edge, edge))
+            at, mean, scatter = curves.binned(x, y, bins)
+            name = "theory" if word == "before" else "predicted"
+            look.band(target, at, mean - scatter, mean + scatter, name, "± one standard deviation", 0.18)
+            drawn = look.line(target, at, mean, name, f"mean, {word}", line_width=2.0)
+            if word == "before":
+                there, off, _ = curves.binned(x, before - after, bins)
+                look.line(target, there, off, "text", "what the effect takes off", line_dash="dashed")
+            look.hover(target, [drawn], [(across.label, "@x{0.0000}"), ("mean", f"@y{{0.0000}} {q.force}")], "vline")
+        panels.append(target)
+    return column(*panels, sizing_mode="stretch_width", spacing=2)
