@@ -9,6 +9,7 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import pages
 import pytest
 import yaml
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -110,7 +111,7 @@ def test_no_control_character_of_a_recording_reaches_the_terminal(run, hostile, 
     if (tmp_path / "out").exists():
         for name in ("report.html", "config.yaml", "summary.json"):
             if (tmp_path / "out" / name).exists():
-                text = (tmp_path / "out" / name).read_text(encoding="utf-8")
+                text = pages.own((tmp_path / "out" / name).read_text(encoding="utf-8"))
                 assert all(c.isprintable() for c in text.replace("\n", "")), name
 
 
@@ -157,7 +158,7 @@ def test_names_that_are_no_utf8_work(run, usual, tmp_path, form):
         code, printed, error = run(*words, "--out", out, "--json", "-")
         assert (code, json.loads(printed)["bags"][0]) == (0, str(bag)), error
         assert json.loads((out / "summary.json").read_text())["bags"][0] == str(bag)
-        assert r"b\xff\x1b[2J\n" in (out / "report.html").read_text(encoding="utf-8")
+        assert r"b\xff\x1b[2J\n" in pages.words((out / "report.html").read_text(encoding="utf-8"))
     assert [p.name.isprintable() for p in (out / "bag").iterdir()] == [True, True]
     # What was written is read again.
     assert run("replay", bag, "--config", out / "config.yaml")[0] == 0

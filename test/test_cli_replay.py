@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pages
 import pytest
 
 from friction_estimator.bag.read import read_recording
@@ -89,8 +90,9 @@ def test_results_are_whole_and_feed_the_next_run(tmp_path, capsys):
         "signals.png", "convergence.png", "friction_map.png", "taps.png",
     }  # fmt: skip
     page = (out / "report.html").read_text()
-    assert page.count("data:image/png;base64") == 4
-    assert "http" not in page
+    assert len(pages.data(page)) == 10
+    assert "http" not in pages.own(page)
+    assert "Predicted to ±" in pages.words(page)
     first = json.loads((out / "summary.json").read_text())
     capsys.readouterr()
     warm = replayed(capsys, out / "bag", "--config", out / "config.yaml")

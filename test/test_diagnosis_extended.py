@@ -112,7 +112,7 @@ def test_on_another_recording_the_error_falls(tmp_path: Path, capsys: pytest.Cap
     assert main(["diagnose", bags["learned"], "--out", str(out)]) == 0
     said = capsys.readouterr().out
     page = (out / "report.html").read_text()
-    assert "On data that the fit never saw the error falls from" in page
+    assert "On samples that the fit never saw the error falls from" in page
     errors = []
     for more in ([], ["--config", str(out / "extended.yaml")]):
         words = ["replay", bags["learned"], "--test", "OTHER", *more]

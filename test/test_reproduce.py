@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 
 import numpy as np
+import pages
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -195,8 +196,9 @@ def test_the_verb_writes_claims_figures_and_one_page(capsys, tmp_path):
     for number in "3456":
         assert (out / f"figure_{number}.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     page = (out / "index.html").read_text()
-    assert page.count("data:image/png;base64,") == 4
-    assert not re.search(r'(src|href)="(?!data:)', page)
+    assert page.count("data:image/png;base64,") == 2  # Figs. 3 and 4; the others are charts
+    assert len(pages.data(page)) == 18
+    assert not re.search(r'(src|href)="(?!data:|#)', pages.own(page))
     assert not list(out.glob(".*"))
     unique = next(c for c in claims if c["id"] == "quadratic_cost_with_unique_minimum")
     assert unique["verdict"] == "refuted"

@@ -114,6 +114,7 @@
     const readout = document.getElementById(place.id + "-readout"), grain = document.getElementById(place.id + "-grain");
     const lines = { velocity: ["velocity"], friction: ["measured", "predicted", "predicted_0"], residual: ["residual", "residual_0"] };
     const units = panels.map((panel) => (/\(([^)]*)\)/.exec(doc.get_model_by_name(panel.name).left[0].axis_label) || ["", ""])[1]);
+    const usual = (last - first) / Math.max(1, stores[0].time.length - 1);
     let table = levels[0], at = NaN;
 
     function chosen(start, stop) {
@@ -182,6 +183,12 @@
     function point(seconds) {
       const k = Math.min(table.time.length - 1, Math.max(0, place_of(table.time, seconds)));
       const next = Math.min(table.time.length - 1, k + 1);
+      if (table.gap[next] && next > k && seconds > table.time[k] + 2 * usual && seconds < table.time[next]) {
+        readout.textContent = `${seconds.toFixed(4)} s  ·  nothing was recorded here`;
+        for (const cursor of cursors) cursor.location = seconds;
+        at = seconds;
+        return;
+      }
       const row = table.samples === 1 && Math.abs(table.time[next] - seconds) < Math.abs(table.time[k] - seconds) ? next : k;
       at = table.time[row];
       for (const cursor of cursors) cursor.location = at;
@@ -213,8 +220,10 @@
       waiting = true;
       requestAnimationFrame(() => { waiting = false; show(); });
     });
-    for (const panel of panels) panel.on_event("mousemove", (event) => point(event.x));
-    for (const panel of panels) panel.on_event("reset", () => limited(first, last));
+    for (const panel of panels) {
+      panel.on_event("mousemove", (event) => point(event.x));
+      panel.on_event("reset", () => limited(first, last));
+    }
     const acts = {
       all: () => limited(first, last), in: () => zoom(0.5), out: () => zoom(2), back: () => move(-0.5), on: () => move(0.5),
     };
