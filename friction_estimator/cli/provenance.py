@@ -31,7 +31,7 @@ def provenance(words: Sequence[str], recordings: Iterable[Path], config: Config 
     versions = [f"{name} {known}" for name in LIBRARIES if (known := _version(name))]
     rows.append(("versions", f"Python {platform.python_version()}, " + ", ".join(versions)))
     for recording in recordings:
-        rows += [(f"sha256 of {file}", digest) for file, digest in hashes(recording)]
+        rows += [(f"sha256 of {file.name}", digest) for file, digest in hashes(recording)]
     sections = [Section("Where this page comes from", table=rows)]
     if config is not None:
         changed = [

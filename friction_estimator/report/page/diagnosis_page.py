@@ -184,7 +184,9 @@ def _effect_card(result: Diagnosis, found: Found, spread: float, q: Quantities, 
     if found.gain is not None:
         one = found.gain
         gain = Bar(one.reduction_percent, one.low_percent, one.high_percent, _gained(one, spread, q))
-    facts = [("Where such a thing shows", q.worded(f"{words.where[0].upper()}{words.where[1:]}."))]
+    facts = []
+    if words.where != found.evidence:
+        facts.append(("Where such a thing shows", q.worded(f"{words.where[0].upper()}{words.where[1:]}.")))
     if found.gain is None:
         facts.append(
             ("No gain", "The base model's own memory had taken it up: it is there, but predicts nothing better.")

@@ -48,7 +48,8 @@ def _section(section: Section) -> str:
     inside += "".join(_card(card) for card in section.cards) + _figures(section.files)
     if section.table:
         head, *rows = section.table
-        inside += '<div class="wide"><table>\n<tr>' + "".join(f"<th>{_text(one)}</th>" for one in head) + "</tr>\n"
+        inside += '<div class="wide"><table>\n'
+        inside += "<tr>" + "".join(f"<th>{_text(one)}</th>" for one in head) + "</tr>\n" if any(head) else ""
         inside += "".join("<tr>" + "".join(f"<td>{_text(cell(one))}</td>" for one in row) + "</tr>\n" for row in rows)
         inside += "</table></div>\n"
     if not inside:

@@ -24,6 +24,8 @@
       for (const name of ["major_label_text_color", "axis_line_color", "major_tick_line_color"]) set(model, name, quiet);
       for (const name of ["grid_line_color", "outline_line_color"]) set(model, name, rule);
       if (model.type === "ColorBar") set(model, "bar_line_color", rule);
+      // A row of names would hang over the edge of a phone.
+      if (model.type === "Legend") model.setv(innerWidth < 700 ? { orientation: "vertical", ncols: 1 } : { orientation: "horizontal", ncols: "auto" });
     }
   }
 
