@@ -24,6 +24,9 @@ from friction_estimator.output.staging import Refusal
 INPUTS = ("velocity", "friction", "pressure", "temperature", "position", "joint_states")
 """What `--topic` can name."""
 
+FIGURE_FORMATS = ("png", "svg")
+"""What figures may be written as; a test holds it against `report.style`, which `--help` must not load."""
+
 _RECORDING_SUFFIXES = {".mcap", ".db3", ".bag", ".zstd", ".csv", ".yaml"}
 
 
@@ -53,6 +56,25 @@ def add_units_option(parser: argparse.ArgumentParser) -> None:
         metavar="UNIT,...",
         help="units of what people read, such as mm/s,N or rpm,mN m (default: SI); the JSON stays in SI",
     )
+
+
+def add_figures_option(parser: argparse.ArgumentParser) -> None:
+    """Add `--figures`."""
+    parser.add_argument(
+        "--figures",
+        type=_formats,
+        default=FIGURE_FORMATS[:1],
+        metavar="FORMAT,...",
+        help=f"formats of the figures, of {', '.join(FIGURE_FORMATS)} (default: {FIGURE_FORMATS[0]})",
+    )
+
+
+def _formats(text: str) -> tuple[str, ...]:
+    formats = tuple(dict.fromkeys(text.split(",")))
+    for name in formats:
+        if name not in FIGURE_FORMATS:
+            raise argparse.ArgumentTypeError(f"{name!r} is no format of figures: give {' or '.join(FIGURE_FORMATS)}")
+    return formats
 
 
 def _units(text: str) -> tuple[str, ...]:

@@ -40,6 +40,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
     parser.add_argument(
         "--out", metavar="DIR", help="write extended.yaml, figures/, report.html and summary.json into this folder"
     )
+    common.add_figures_option(parser)
     parser.add_argument("--seed", type=int, default=0, help="of folds and bootstrap (default 0)")
     common.add_bag_options(parser)
     common.add_json_option(parser)
@@ -90,9 +91,7 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
     if args.out:
         judged = judged_by(args.bags, extended, args.config)
         with output.part() as folder:
-            summary = _write(
-                folder, Path(args.out), result, config, quantities, args.bags, extended, judged, args.words
-            )
+            summary = _write(folder, args, result, config, quantities, extended, judged)
         for line in judged:
             output.say(line)
         output.say(f"written: {args.out}")
@@ -147,16 +146,14 @@ def _load(
 
 def _write(
     folder: Path,
-    final: Path,
+    args: argparse.Namespace,
     result: Any,
     config: Config,
     quantities: Quantities,
-    bags: list[str],
     extended: str | None,
     judged: list[str],
-    words: list[str],
 ) -> dict[str, Any]:
-    """Write the diagnosis into `folder`, which is made here and will be `final`; return its summary."""
+    """Write the diagnosis into `folder`, which is made here and will be `--out`; return its summary."""
     from friction_estimator.cli.provenance import provenance  # noqa: PLC0415
     from friction_estimator.diagnosis.extend import extended_config  # noqa: PLC0415
     from friction_estimator.diagnosis.summary import as_json  # noqa: PLC0415
@@ -171,14 +168,14 @@ def _write(
         write_config(
             folder / EXTENDED,
             extended_config(result, config),
-            header=f"Written by friction_estimator diagnose from {', '.join(bags)}.\n"
+            header=f"Written by friction_estimator diagnose from {', '.join(args.bags)}.\n"
             f"Base model with {names}; accepted by replay, simulate, diagnose and the live node.",
         )
     (folder / "figures").mkdir()
-    drawn = write_diagnosis_figures(result, folder / "figures", quantities)
-    figures = {name: str(final / "figures" / path.name) for name, path in drawn.items()}
-    summary = as_json(result, bags, figures, extended, quantities)
+    drawn = write_diagnosis_figures(result, folder / "figures", quantities, args.figures)
+    figures = {name: str(Path(args.out) / "figures" / path.name) for name, path in drawn.items()}
+    summary = as_json(result, args.bags, figures, extended, quantities)
     (folder / "summary.json").write_text(common.to_json(summary) + "\n", encoding="utf-8")
-    details = provenance(words, [Path(bag) for bag in bags], config)
-    write_page(folder / "report.html", diagnosis_page(result, bags, quantities, drawn, judged, details))
+    details = provenance(args.words, [Path(bag) for bag in args.bags], config)
+    write_page(folder / "report.html", diagnosis_page(result, args.bags, quantities, drawn, judged, details))
     return summary

@@ -123,6 +123,7 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
         help="learn from this first fraction of the samples only, and score the rest without learning",
     )
     parser.add_argument("--out", metavar="DIR", help="write bag/, figures/, report.html, summary.json, config.yaml")
+    common.add_figures_option(parser)
     common.add_bag_options(parser)
     common.add_json_option(parser)
 

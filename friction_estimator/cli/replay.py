@@ -60,7 +60,7 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
         from friction_estimator.cli.results import write_results  # noqa: PLC0415
 
         with output.part() as folder:
-            write_results(folder, session.recordings, result, summary, session.quantities, args.words)
+            write_results(folder, session.recordings, result, summary, session.quantities, args.words, args.figures)
         output.say(f"{'written':<12}{args.out}: bag/, figures/, report.html, summary.json, config.yaml")
     output.result(summary)
     return joints.outcome(summary, result)

@@ -24,7 +24,7 @@ STRUCTURE_SEEDS = 3
 LAYOUT = Layout(
     "claims.json",
     re.compile(r'\{\s*("schema": "friction_estimator/claims/\d+"|"claims": \[)'),
-    frozenset({"index.html", *(f"figure_{number}.png" for number in range(3, 7))}),
+    frozenset({"index.html", *(f"figure_{k}.{form}" for k in range(3, 7) for form in common.FIGURE_FORMATS)}),
 )
 
 
@@ -44,6 +44,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
     parser.add_argument(
         "--seconds", type=float, default=Plan().seconds, metavar="S", help="of each recording (default: %(default)g)"
     )
+    common.add_figures_option(parser)
     common.add_json_option(parser)
 
 
@@ -68,7 +69,7 @@ def _run(args: argparse.Namespace, output: common.Output) -> int:
         output.say(f"{claim.verdict:<10} {claim.id}: {claim.why}")
     result = {"schema": SCHEMA, "claims": claims}
     with output.part() as folder:
-        write(folder, study, claims, common.to_json(result) + "\n", args.words)
+        write(folder, study, claims, common.to_json(result) + "\n", args.words, args.figures)
     output.say(f"written    {args.out}: claims.json, index.html, figure_3.png to figure_6.png")
     output.result(result)
     return 0
@@ -122,7 +123,9 @@ def judge(plan: Plan, results: dict[tuple[Any, ...], Any]) -> tuple[Study, list[
     return study, claims
 
 
-def write(folder: Path, study: Study, claims: Sequence[Claim], text: str, words: Sequence[str]) -> None:
+def write(
+    folder: Path, study: Study, claims: Sequence[Claim], text: str, words: Sequence[str], formats: Sequence[str]
+) -> None:
     """Write claims.json, figures and page into `folder`, which is made here."""
     from friction_estimator.cli.provenance import provenance  # noqa: PLC0415 - workers do not draw
     from friction_estimator.report.page.paper_page import paper_page  # noqa: PLC0415
@@ -131,7 +134,7 @@ def write(folder: Path, study: Study, claims: Sequence[Claim], text: str, words:
 
     folder.mkdir()
     (folder / "claims.json").write_text(text, encoding="utf-8")
-    figures = write_figures(study, folder)
+    figures = write_figures(study, folder, formats)
     page = paper_page(study, claims, _table, figures, provenance(words, [], None))
     write_page(folder / "index.html", page)
 

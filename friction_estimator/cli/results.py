@@ -25,7 +25,7 @@ from friction_estimator.report.figures import FIGURES, write_figures
 from friction_estimator.report.page.content import Section
 from friction_estimator.report.page.replay_page import replay_page
 from friction_estimator.report.page.write import write_page
-from friction_estimator.report.style import SUFFIXES
+from friction_estimator.report.style import SUFFIXES, USUAL
 
 LONGEST_FOLDER = 60
 """Characters of a recording's name that are taken over: with four bytes each a file system takes them."""
@@ -60,6 +60,7 @@ def write_results(
     summary: Mapping[str, Any],
     quantities: Quantities | None = None,
     words: Sequence[str] = (),
+    formats: Sequence[str] = USUAL,
 ) -> None:
     """Write bag/, figures/, report.html, summary.json and config.yaml into `folder`.
 
@@ -72,7 +73,7 @@ def write_results(
     recordings : those that were learned, in the order of `result.parts`.
     summary : the JSON of the run.
     quantities : how numbers are shown; in SI units unless given.
-    words : the command line.
+    words : the command line. formats : of the figures.
 
     Raises InputError where a recording cannot be written.
     """
@@ -89,12 +90,12 @@ def write_results(
     )
     (folder / "summary.json").write_text(to_json(summary) + "\n", encoding="utf-8")
     (folder / "figures").mkdir()
-    figures = write_figures(result, folder / "figures", quantities)
+    fitted = summary["law"] == "batch"
+    figures = write_figures(result, folder / "figures", quantities, formats, fitted=fitted)
     details = [
         data_quality(taken, result.config, quantities, summary["samples"]),
         *provenance(words, [recording.path for recording in taken], result.config),
     ]
-    fitted = summary["law"] == "batch"
     scores = side_by_side.scores_of(result)
     elsewhere = [*loads.section(result.loads), *_on_other_data(result, quantities)]
     page = replay_page(result, scores, summary, quantities, figures, elsewhere, details, fitted=fitted)

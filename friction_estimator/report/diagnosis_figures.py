@@ -1,7 +1,7 @@
 """Figures of a diagnosis: for each effect the residual against the variable that reveals it, before and after."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,12 @@ from friction_estimator.effects.grids import first_distance_m
 from friction_estimator.report import style
 
 SHOWN = 5000
-BINS = 60
+
+BINS, MOST_BINS = 60, 400
+"""Bins of a mean: as many as the samples allow, since a ripple finer than the bins shows as one that is not there."""
+
+IN_BIN = 40
+"""Samples in a bin where there are more than the fewest bins."""
 
 LEVELS = 8
 """A variable that stays at so few levels, pressures for one, is shown by the mean at each."""
@@ -86,22 +91,24 @@ def axis_of(variable: str, quantities: Quantities, values: Floats) -> Axis:
 
 
 def write_diagnosis_figures(
-    result: Diagnosis, folder: str | os.PathLike[str], quantities: Quantities
+    result: Diagnosis,
+    folder: str | os.PathLike[str],
+    quantities: Quantities,
+    formats: Sequence[str] = style.USUAL,
 ) -> dict[str, Path]:
     """Draw one figure for each effect and one for what is left; return effect id -> file.
 
     The remainder's figure is filed under "remainder".
     """
-    place = Path(folder)
     out = {}
     for found in result.effects:
-        out[found.name] = style.save(_modelled(result, found, quantities), place / f"{found.name}.png")
+        out[found.name] = style.save(_modelled(result, found, quantities), folder, found.name, formats)
     for fault in result.faults:
         figure = Figure(figsize=(10, 4.2))
         FIGURES[EFFECTS[fault.name].figure](figure, result, fault, quantities)
-        out[fault.name] = style.save(figure, place / f"{fault.name}.png")
+        out[fault.name] = style.save(figure, folder, fault.name, formats)
     if result.remainder is not None:
-        out[REMAINDER] = style.save(_remainder(result, quantities), place / f"{REMAINDER}.png")
+        out[REMAINDER] = style.save(_remainder(result, quantities), folder, REMAINDER, formats)
     return out
 
 
@@ -396,6 +403,7 @@ def _line(axes: Axes, x: Floats, y: Floats, used: Bools, color: str, label: str,
     """Draw the mean in quantile bins of x; where x has a few levels only, the mean of each."""
     if used.sum() < BINS:
         return
+    bins = int(np.clip(used.sum() // IN_BIN, BINS, MOST_BINS))
     even = np.linspace(float(x[used].min()), float(x[used].max()), BINS + 1)
     held = np.histogram(x[used], even)[0] > 0.002 * used.sum()
     change = np.diff(held.astype(int))
@@ -405,7 +413,7 @@ def _line(axes: Axes, x: Floats, y: Floats, used: Bools, color: str, label: str,
         gaps = [0.5 * (even[a + 1] + even[b + 1]) for a in ends for b in starts[starts >= a][:1]]
         edges = np.array([even[0], *gaps, even[-1]])
     else:
-        edges = _apart(np.quantile(x[used], np.linspace(0.0, 1.0, BINS + 1)))
+        edges = _apart(np.quantile(x[used], np.linspace(0.0, 1.0, bins + 1)), bins)
     if edges.size < 3:
         return
     cell = np.clip(np.searchsorted(edges, x[used], side="right") - 1, 0, edges.size - 2)
@@ -416,12 +424,12 @@ def _line(axes: Axes, x: Floats, y: Floats, used: Bools, color: str, label: str,
     axes.plot(middle, mean, ("o" if few else "") + dashes, ms=6, color=color, lw=1.8, label=label, zorder=3)
 
 
-def _apart(edges: Floats) -> Floats:
+def _apart(edges: Floats, bins: int) -> Floats:
     """Return edges of which none is closer to the next than half of what even bins would be wide.
 
     Samples that a periodic drive puts at the same places would otherwise have bins of their own, one over the other.
     """
-    least = 0.5 * float(edges[-1] - edges[0]) / BINS
+    least = 0.5 * float(edges[-1] - edges[0]) / bins
     kept = [float(edges[0])]
     for edge in edges[1:-1].tolist():
         if edge - kept[-1] >= least and edges[-1] - edge >= least:

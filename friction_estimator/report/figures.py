@@ -33,33 +33,43 @@ FIGURES = ("signals", "convergence", "friction_map", "taps")
 
 
 def write_figures(
-    replay: Replay, folder: str | os.PathLike[str], quantities: Quantities | None = None
+    replay: Replay,
+    folder: str | os.PathLike[str],
+    quantities: Quantities | None = None,
+    formats: Sequence[str] = style.USUAL,
+    *,
+    fitted: bool = False,
 ) -> list[tuple[Path, str]]:
     """Draw every figure of a replay into `folder`; return (file, caption) in the order of reading.
 
-    `quantities` says how numbers are shown; in SI units unless given.
+    Parameters
+    ----------
+    quantities : how numbers are shown; in SI units unless given. formats : of the files, some of `style.FORMATS`.
+    fitted : True for a batch fit: its samples were all known, and none was predicted before it was used.
     """
-    place, q = Path(folder), quantities or replay.config.quantities
+    q = quantities or replay.config.quantities
+    when = (
+        "All samples were known to the fit." if fitted else "Every prediction was made before its measurement was used."
+    )
     return [
         (
-            style.save(signals(replay, q), place / "signals.png"),
-            "Start and end of what was replayed: velocity, measured and predicted friction, and what is left. "
-            "Every prediction was made before its measurement was used.",
+            style.save(signals(replay, q), folder, "signals", formats),
+            f"Start and end of the record: velocity, measured and predicted friction, and what is left. {when}",
         ),
         (
-            style.save(convergence(replay), place / "convergence.png"),
+            style.save(convergence(replay, fitted), folder, "convergence", formats),
             "Error of each drive cycle over the standard deviation of the measured friction, beside the guess that "
             "friction stays as it was one sample ago, and the theoretical curve alone.",
         ),
         (
-            style.save(friction_map(replay, q), place / "friction_map.png"),
+            style.save(friction_map(replay, q), folder, "friction_map", formats),
             "Friction at constant velocity as it was learned, with its 95 % band, over the measured friction (the "
             "darker, the more samples). Dashed and grey: what no data support. Beside it Coulomb and viscous friction "
             "fitted to the same samples.",
         ),
         (
-            style.save(taps(replay), place / "taps.png"),
-            "FIR taps while they are learned, and their last values.",
+            style.save(taps(replay), folder, "taps", formats),
+            "FIR taps as they were fitted." if fitted else "FIR taps while they are learned, and their last values.",
         ),
     ]
 
@@ -110,7 +120,7 @@ def _excerpt_length(recording: Samples) -> int:
     return int(np.clip(length, min(n, 50), n))
 
 
-def convergence(replay: Replay) -> Figure:
+def convergence(replay: Replay, fitted: bool = False) -> Figure:
     """Nrmse of each cycle on a logarithmic scale."""
     figures = replay.figures()
     values = np.array(figures["nrmse_by_cycle"])
@@ -125,7 +135,8 @@ def convergence(replay: Replay) -> Figure:
     axes.set_xlabel(" or ".join(kinds) + (", a line where a recording begins" if len(replay.parts) > 1 else ""))
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylabel("nrmse (1)")
-    axes.set_title("Error while learning")
+    axes.set_title("Error of the fit" if fitted else "Error while learning")
+    style.readable_log(axes.yaxis)
     for number in cycles_before(replay):
         axes.axvline(number + 0.5, color=style.MEASURED, lw=0.8)
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
@@ -214,7 +225,12 @@ def _density(axes: Axes, velocity: Floats, friction: Floats, span: tuple[float, 
         range=(span, (-reach, reach)),
     )
     shown = np.ma.masked_equal(count.T, 0)
-    axes.pcolormesh(x, y, shown, cmap=style.DENSITY, norm=LogNorm(1, max(2.0, count.max())), zorder=1, rasterized=True)
+    norm = LogNorm(1, max(2.0, count.max()))
+    drawn = axes.pcolormesh(x, y, shown, cmap=style.DENSITY, norm=norm, zorder=1, rasterized=True)
+    assert axes.figure is not None
+    bar = axes.figure.colorbar(drawn, ax=axes, location="bottom", shrink=0.4, aspect=40, pad=0.02)
+    bar.set_label("samples in a cell")
+    style.readable_log(bar.ax.xaxis)
     return Patch(color=style.DENSITY(0.5), label="measured")
 
 

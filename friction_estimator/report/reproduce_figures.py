@@ -24,13 +24,14 @@ LAW_COLOURS = {"lms": style.PREDICTED, "nlms": style.ACCENT, "rls": style.THEORY
 POINTS = 3000
 
 
-def write_figures(study: Study, folder: str | os.PathLike[str]) -> list[tuple[Path, str]]:
+def write_figures(
+    study: Study, folder: str | os.PathLike[str], formats: Sequence[str] = style.USUAL
+) -> list[tuple[Path, str]]:
     """Draw the four figures into `folder`; return (file, caption)."""
-    place = Path(folder)
-    figures = [(style.save(figure_3(), place / "figure_3.png"), CAPTIONS["3"])]
-    figures.append((style.save(figure_4(study), place / "figure_4.png"), CAPTIONS["4"]))
+    figures = [(style.save(figure_3(), folder, "figure_3", formats), CAPTIONS["3"])]
+    figures.append((style.save(figure_4(study), folder, "figure_4", formats), CAPTIONS["4"]))
     for number, model in (("5", "hammerstein"), ("6", "parallel")):
-        figures.append((style.save(estimates(study, model), place / f"figure_{number}.png"), CAPTIONS[number]))
+        figures.append((style.save(estimates(study, model), folder, f"figure_{number}", formats), CAPTIONS[number]))
     return figures
 
 
@@ -39,8 +40,8 @@ CAPTIONS = {
     "130 °F, and against velocity and temperature at 200 psi. Own physics; the force scale is not the paper's.",
     "4": "Counterpart of Fig. 4: simulated velocity and friction under the conditions a, b, c (seed 0).",
     "5": "Counterpart of Fig. 5, Hammerstein model. Top: the first and the last cycle, measured and predicted by the "
-    f"paper's law {PAPER_LAW} before each measurement was used. Middle: g after each law, scaled onto the theory (its "
-    "magnitude and sign are free). Bottom: error of each cycle for every law.",
+    f"paper's law {PAPER_LAW} before each measurement was used, and what it leaves of the last. Then: g after each "
+    "law, scaled onto the theory (its magnitude and sign are free). Bottom: error of each cycle for every law.",
     "6": "Counterpart of Fig. 6, Parallel model. As before; the learned curve is g and the filtered theory together, "
     "at constant velocity.",
 }
@@ -90,9 +91,9 @@ def figure_4(study: Study) -> Figure:
 
 
 def estimates(study: Study, model: str) -> Figure:
-    """First and last cycle, learned curve beside the theory, and error by cycle, for each condition."""
-    figure = Figure(figsize=(11, 10.5))
-    axes = figure.subplots(4, len(CONDITIONS))
+    """First and last cycle, what is left of the last, learned curve beside the theory, and error by cycle."""
+    figure = Figure(figsize=(11, 12.0))
+    axes = figure.subplots(5, len(CONDITIONS))
     for column, condition in enumerate(CONDITIONS):
         shown, cycle = study.shown[condition], _cycle(study, condition)
         samples, predicted = shown.samples, shown.predicted_N[model, PAPER_LAW]
@@ -109,11 +110,15 @@ def estimates(study: Study, model: str) -> Figure:
             panel.set_ylim(-reach, reach)
             panel.set_title(f"{TITLES[condition]}\n{title}" if row == 0 else title)
             panel.set_xlabel("time (s)")
-        _learned(axes[2, column], study, model, condition)
-        _errors(axes[3, column], study, model, condition)
-    for row, label in enumerate(("friction (N)", "friction (N)", "friction (N)", "nrmse of a cycle (1)")):
+        left = (samples.friction_N - predicted)[part][:: thin.step]
+        axes[2, column].plot(samples.time_s[thin], left, color=style.RESIDUAL, lw=0.7)
+        axes[2, column].set(title="left of the last cycle", xlabel="time (s)")
+        _learned(axes[3, column], study, model, condition)
+        _errors(axes[4, column], study, model, condition)
+    labels = ("friction (N)", "friction (N)", "measured - predicted (N)", "friction (N)", "nrmse of a cycle (1)")
+    for row, label in enumerate(labels):
         axes[row, 0].set_ylabel(label)
-    for row in (0, 2, 3):
+    for row in (0, 3, 4):
         handles, labels = axes[row, -1].get_legend_handles_labels()
         axes[row, -1].legend(handles, labels, loc="upper left", bbox_to_anchor=(1.02, 1.0))
     figure.align_ylabels(axes[:, 0])
@@ -150,6 +155,7 @@ def _errors(panel: Any, study: Study, model: str, condition: str) -> None:
     panel.xaxis.set_major_locator(MaxNLocator(integer=True))
     panel.set_xlabel("drive cycle")
     panel.set_title("error while learning, all seeds")
+    style.readable_log(panel.yaxis)
 
 
 def _cycle(study: Study, condition: str) -> int:

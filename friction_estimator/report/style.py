@@ -1,17 +1,25 @@
 """One look for all figures. Import this before drawing: it selects the backend that needs no screen."""
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib as mpl
 
 mpl.use("Agg")
 
+from matplotlib.axis import Axis
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-SUFFIXES = (".png",)
-"""Formats of the figures."""
+FORMATS = ("png", "svg")
+"""What figures may be written as (`--figures`)."""
+
+USUAL = ("png",)
+
+SUFFIXES = tuple(f".{name}" for name in FORMATS)
+"""Of the files that figures are written to."""
 
 MEASURED = "#8a8f98"
 PREDICTED = "#c8471e"
@@ -39,12 +47,21 @@ mpl.rcParams.update(
         "axes.titleweight": "bold",
         "legend.frameon": False,
         "lines.linewidth": 1.2,
+        "svg.hashsalt": "friction_estimator",
     }
 )
 
 
-def save(figure: Figure, path: str | os.PathLike[str]) -> Path:
-    """Write a figure as PNG; return its path."""
-    target = Path(path)
-    figure.savefig(target, format="png")
-    return target
+def save(figure: Figure, folder: str | os.PathLike[str], name: str, formats: Sequence[str] = USUAL) -> Path:
+    """Write a figure to `folder` in each format; return the first file. The same figure gives the same bytes."""
+    paths = [Path(folder) / f"{name}.{each}" for each in formats]
+    for path, each in zip(paths, formats, strict=True):
+        figure.savefig(path, format=each, metadata={"Date": None} if each == "svg" else None)
+    return paths[0]
+
+
+def readable_log(axis: Axis) -> None:
+    """Have a logarithmic axis say 0.02, 0.05, 0.1 instead of powers of ten."""
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
