@@ -14,7 +14,7 @@
 
   function dress(doc) {
     const text = colour("text"), quiet = colour("quiet"), rule = colour("rule");
-    for (const model of doc._all_models.values()) {
+    for (const model of doc._all_models?.values() ?? doc.all_models) {
       for (const tag of model.tags) {
         if (typeof tag === "string" && tag.startsWith("ink:")) {
           for (const name of INKS) if (name in model.properties && model[name] != null) model[name] = colour(tag.slice(4));
