@@ -90,7 +90,7 @@ def test_results_are_whole_and_feed_the_next_run(tmp_path, capsys):
         "signals.png", "convergence.png", "friction_map.png", "taps.png",
     }  # fmt: skip
     page = (out / "report.html").read_text()
-    assert len(pages.data(page)) == 10
+    assert len(pages.data(page)) == 9
     assert "http" not in pages.own(page)
     assert "Predicted to ±" in pages.words(page)
     first = json.loads((out / "summary.json").read_text())
