@@ -230,7 +230,7 @@ def _density(axes: Axes, velocity: Floats, friction: Floats, span: tuple[float, 
     assert axes.figure is not None
     bar = axes.figure.colorbar(drawn, ax=axes, location="bottom", shrink=0.4, aspect=40, pad=0.02)
     bar.set_label("samples in a cell")
-    style.readable_log(bar.ax.xaxis)
+    style.readable_log(bar.ax.xaxis, (1.0,))
     return Patch(color=style.DENSITY(0.5), label="measured")
 
 

@@ -60,8 +60,8 @@ def save(figure: Figure, folder: str | os.PathLike[str], name: str, formats: Seq
     return paths[0]
 
 
-def readable_log(axis: Axis) -> None:
-    """Have a logarithmic axis say 0.02, 0.05, 0.1 instead of powers of ten."""
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+def readable_log(axis: Axis, steps: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
+    """Have a logarithmic axis say 0.02, 0.05, 0.1 instead of powers of ten: `steps` of each decade."""
+    axis.set_major_locator(LogLocator(subs=steps))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())

@@ -13,7 +13,6 @@ from bokeh.models import (
     Legend,
     LegendItem,
     LogColorMapper,
-    LogTicker,
     Range1d,
     WheelZoomTool,
 )
@@ -164,7 +163,7 @@ def density(target: Plot, count: Floats, span: tuple[float, float], reach: tuple
         width=10,
         label_standoff=6,
         background_fill_alpha=0.0,
-        ticker=LogTicker(mantissas=[1], num_minor_ticks=0),
+        ticker=FixedTicker(ticks=[float(10**k) for k in range(9) if 10**k <= mapper.high]),
         formatter=CustomJSTickFormatter(code=PLAIN),
         title_text_font_style="normal",
         title_text_font_size="12px",
