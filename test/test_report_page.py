@@ -1,0 +1,222 @@
+"""What a page says and holds: the light and its reasons, extremes of long signals, the static page."""
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pages
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from friction_estimator.cli.common import FIGURE_FORMATS
+from friction_estimator.cli.main import main
+from friction_estimator.core.fit.frozen_score import FrozenScore
+from friction_estimator.core.online.replay import Replay, replay
+from friction_estimator.core.quantities import ROTARY, Quantities
+from friction_estimator.core.sample import Samples
+from friction_estimator.core.settings.config import Config
+from friction_estimator.report import style
+from friction_estimator.report.page import envelope, learning, look
+from friction_estimator.report.page.content import CAUTION, GOOD, LEVELS, STOP
+from friction_estimator.report.page.trust import errors_at_the_end, trust
+
+Q = Quantities()
+
+
+def record(n=6000, rate=500.0, noise=0.02, seed=0):
+    k = np.arange(n)
+    velocity = 0.1 * np.sin(2 * np.pi * k / rate / 2.0) * (0.6 + 0.4 * np.sin(2 * np.pi * k / rate / 7.0))
+    friction = (
+        3.0 * np.tanh(velocity / 0.004) - 12.0 * velocity + noise * np.random.default_rng(seed).standard_normal(n)
+    )
+    return Samples((k * 1e9 / rate).astype(np.int64) + 1, velocity, friction, k == 0)
+
+
+@pytest.fixture(scope="module")
+def replayed() -> Replay:
+    return replay(record(), Config(), freeze_after=0.5)
+
+
+def judged(result, q=Q, fitted=False):
+    scores = [] if result.frozen_score is None else [("the rest", result.frozen_score)]
+    return trust(result, scores, q, fitted)
+
+
+def wrong(result, error):
+    """The replay with this error in its predictions."""
+    return replace(result, predicted_N=result.samples.friction_N - error)
+
+
+def test_a_light_is_green_only_for_what_was_judged_without_learning(replayed):
+    light, advice = judged(replayed)
+    assert (light.level, advice) == (GOOD, [])
+    # The same errors, and nothing held out.
+    everything = replace(replayed, learned=np.ones(len(replayed.samples), np.bool_))
+    light, advice = judged(everything)
+    assert light.level == CAUTION
+    assert [one.command for one in advice] == ["--test"]
+
+
+def test_what_loses_is_told_by_its_reason(replayed):
+    measured = replayed.samples.friction_N
+    spread = float(np.std(measured))
+    noise = np.random.default_rng(1).standard_normal(measured.size)
+    cases = {
+        "diverged": np.where(np.arange(measured.size) > 5000, 1e9, 0.0),
+        "no better than always saying the mean": 1.1 * spread * noise,
+        "Coulomb and viscous friction": 0.8 * spread * noise,
+    }
+    for reason, error in cases.items():
+        light, advice = judged(wrong(replayed, error))
+        assert light.level == STOP
+        assert reason in light.reason
+        assert advice
+    # The last value is closer at a high rate: advice, no verdict on the model elsewhere.
+    speed = replayed.samples.velocity_m_s
+    smooth = 3.0 * np.tanh(speed / 0.02) + 2.0 * np.sin(80.0 * speed)
+    quiet = replace(replayed, samples=replace(replayed.samples, friction_N=smooth))
+    light, _ = judged(wrong(quiet, 0.6 * noise))
+    assert "as it was one sample ago" in light.reason
+    assert light.level == CAUTION
+
+
+def test_a_theory_of_another_machine_and_velocities_never_learned_are_told(replayed):
+    light, advice = judged(replace(replayed, theory_N=-5.0 * replayed.samples.friction_N))
+    assert light.level == CAUTION
+    assert "not of this machine" in light.reason
+    assert "theory.kind none" in advice[0].text
+    half = replace(replayed.curve, velocity_m_s=0.3 * replayed.curve.velocity_m_s)
+    light, _ = judged(replace(replayed, curve=half))
+    assert "Data support only 30 %" in light.reason
+
+
+def test_a_simpler_curve_that_is_closer_elsewhere_is_named(replayed):
+    def scored(**baselines):
+        known = {
+            "coulomb_viscous": 0.5,
+            "stribeck": 0.5,
+            "stribeck_asymmetric": 0.5,
+            "persistence": 0.01,
+            "theory": None,
+        }
+        return FrozenScore(1000, 2.0, 0.2, known | baselines)
+
+    levels = {}
+    for name, score in {
+        "none": scored(), "stribeck": scored(stribeck_asymmetric=0.1), "coulomb": scored(coulomb_viscous=0.1),
+        "nothing fitted": scored(coulomb_viscous=None, stribeck=None, stribeck_asymmetric=None),
+        "almost": scored(coulomb_viscous=0.199),
+    }.items():  # fmt: skip
+        light, _ = trust(replayed, [("there", score)], Q, False)
+        levels[name] = light.level
+    assert levels == {
+        "none": GOOD, "stribeck": CAUTION, "coulomb": STOP, "nothing fitted": GOOD, "almost": GOOD,
+    }  # fmt: skip
+
+
+def test_each_level_has_a_sign_and_a_word_of_its_own():
+    assert len({sign for sign, _ in LEVELS.values()}) == len({word for _, word in LEVELS.values()}) == len(LEVELS)
+
+
+def test_errors_are_in_physical_units(replayed):
+    errors = errors_at_the_end(replayed)
+    part = slice(len(replayed.samples) - len(replayed.samples) // 5, None)
+    assert errors.model == pytest.approx(float(np.sqrt(np.mean(np.square(replayed.residual_N[part])))))
+    assert errors.share == pytest.approx(errors.model / float(np.std(replayed.samples.friction_N[part])))
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(2, 3000), st.integers(1, 200), st.lists(st.integers(1, 2999), max_size=20), st.integers(0, 99))
+def test_extremes_are_kept_and_no_row_reaches_over_a_gap(n, rows, breaks, seed):
+    generator = np.random.default_rng(seed)
+    values = generator.standard_normal(n)
+    values[generator.random(n) < 0.05] = np.nan
+    restart = np.isin(np.arange(n), breaks)
+    time = np.arange(n) + 10.0 * np.cumsum(restart)
+    made = envelope.table(time, {"x": values}, envelope.gaps(time, restart), rows)
+    zero, step = made.steps["x"]
+    starts = np.searchsorted(time, made.columns["time_s"])
+    for row, (a, b) in enumerate(zip(starts, [*starts[1:], n], strict=True)):
+        assert not restart[a + 1 : b].any()
+        inside = values[a:b][np.isfinite(values[a:b])]
+        low, high = (int(made.columns[f"x_{end}"][row]) for end in ("low", "high"))
+        if not inside.size:
+            assert low == high == envelope.MISSING
+            continue
+        # Rounded away from each other: the line may be a step too long, never too short.
+        assert inside.min() - 1.01 * step <= zero + step * low <= inside.min() + 1e-6 * step + 1e-12
+        assert inside.max() - 1e-6 * step - 1e-12 <= zero + step * high <= inside.max() + 1.01 * step
+    assert made.samples_per_row * len(made.columns["time_s"]) >= n
+
+
+def test_what_runs_away_does_not_flatten_the_rest():
+    values = np.array([0.1, -0.2, 1e300, np.inf, np.nan])
+    assert envelope.readable(values, 1.0)[:3].tolist() == [0.1, -0.2, envelope.SURE]
+    assert np.isnan(envelope.readable(values, 1.0)[3:]).all()
+
+
+@pytest.mark.parametrize("noise", [0.003, 0.03, 0.3])
+def test_the_noise_floor_is_found_without_a_model(noise):
+    samples = record(20_000, 1000.0, noise)
+    assert learning.noise_floor(samples.friction_N, samples.restart) == pytest.approx(noise, rel=0.1)
+    assert np.isnan(learning.noise_floor(samples.friction_N[:50], samples.restart[:50]))
+
+
+def test_ticks_of_a_logarithmic_axis_can_be_read():
+    assert look.readable_ticks(0.02, 0.3) == [0.02, 0.05, 0.1, 0.2]
+    assert look.readable_ticks(1e-9, 1.0) == [10.0**k for k in range(-9, 1)]
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    place = tmp_path_factory.mktemp("bag") / "bag"
+    assert main(["simulate", "--condition", "b", "--cycles", "6", "--rate", "200", "--out", str(place)]) == 0
+    return place
+
+
+def test_without_bokeh_the_page_is_static_and_says_so(bag, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "bokeh", None)  # what Python makes of a library that is not installed
+    out = tmp_path / "out"
+    assert main(["replay", str(bag), "--out", str(out), "--figures", "svg,png"]) == 0
+    page = (out / "report.html").read_text()
+    assert "bokeh is not installed" in pages.words(page)
+    assert "<script" not in page
+    assert page.count("data:image/svg+xml;base64") == 4
+    assert "Predicted to ±" in pages.words(page)
+    assert {path.suffix for path in (out / "figures").iterdir()} == {".png", ".svg"}
+    again = tmp_path / "again"
+    assert main(["replay", str(bag), "--out", str(again), "--figures", "svg"]) == 0
+    for path in (again / "figures").iterdir():
+        assert path.read_bytes() == (out / "figures" / path.name).read_bytes()
+    # One set takes the place of the other, and leaves no figure of it behind.
+    assert main(["replay", str(bag), "--out", str(out)]) == 0
+    assert {path.suffix for path in (out / "figures").iterdir()} == {".png"}
+
+
+def test_a_fit_says_what_is_true_of_a_fit(bag, tmp_path):
+    out = tmp_path / "out"
+    assert main(["identify", str(bag), "--fit-only", "--out", str(out), "--units", "mm/s,mN"]) == 0
+    page = (out / "report.html").read_text()
+    said = pages.words(page)
+    assert "before its measurement was used" not in said
+    assert "Fitted to ±" in said
+    assert "All samples were known to the fit" in said
+    assert " mN rms" in said
+    assert f"sha256 of {next(bag.glob('*.mcap')).name}" in said
+    assert "friction_estimator identify" in said
+    assert '"velocity (mm/s)"' in page
+    assert '"friction (mN)"' in page
+
+
+def test_formats_of_figures_are_those_that_are_drawn(bag, capsys):
+    assert FIGURE_FORMATS == style.FORMATS
+    with pytest.raises(SystemExit) as ended:
+        main(["replay", str(bag), "--figures", "png,pdf"])
+    assert ended.value.code == 2
+    assert "'pdf' is no format of figures" in capsys.readouterr().err
+
+
+def test_units_of_a_rotary_drive_are_on_the_page(replayed):
+    light, _ = judged(wrong(replayed, 0.8 * np.std(replayed.samples.friction_N) * np.ones(6000)), Quantities(ROTARY))
+    assert " N m rms" in light.reason
