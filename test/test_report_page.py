@@ -27,9 +27,8 @@ Q = Quantities()
 def record(n=6000, rate=500.0, noise=0.02, seed=0):
     k = np.arange(n)
     velocity = 0.1 * np.sin(2 * np.pi * k / rate / 2.0) * (0.6 + 0.4 * np.sin(2 * np.pi * k / rate / 7.0))
-    friction = (
-        3.0 * np.tanh(velocity / 0.004) - 12.0 * velocity + noise * np.random.default_rng(seed).standard_normal(n)
-    )
+    known = 3.0 * np.tanh(velocity / 0.01) + 1.5 * np.sin(80.0 * velocity)  # no curve of the textbook
+    friction = known + noise * np.random.default_rng(seed).standard_normal(n)
     return Samples((k * 1e9 / rate).astype(np.int64) + 1, velocity, friction, k == 0)
 
 
