@@ -39,7 +39,7 @@ def replayed() -> Replay:
 
 def judged(result, q=Q, fitted=False):
     scores = [] if result.frozen_score is None else [("the rest", result.frozen_score)]
-    return trust(result, scores, q, fitted)
+    return trust(result, scores, q, fitted=fitted, diverged=result.figures()["diverged"])
 
 
 def wrong(result, error):
@@ -107,7 +107,7 @@ def test_a_simpler_curve_that_is_closer_elsewhere_is_named(replayed):
         "nothing fitted": scored(coulomb_viscous=None, stribeck=None, stribeck_asymmetric=None),
         "almost": scored(coulomb_viscous=0.199),
     }.items():  # fmt: skip
-        light, _ = trust(replayed, [("there", score)], Q, False)
+        light, _ = trust(replayed, [("there", score)], Q, fitted=False, diverged=False)
         levels[name] = light.level
     assert levels == {
         "none": GOOD, "stribeck": CAUTION, "coulomb": STOP, "nothing fitted": GOOD, "almost": GOOD,

@@ -1,6 +1,6 @@
 """The charts of a diagnosis: before and after, over time and over the variable that shows the effect."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from bokeh.layouts import column
@@ -27,13 +27,31 @@ WAVELENGTHS = ("wavelength", "period", "pitch")
 
 def over_time(result: Diagnosis, before: Joint, after: Joint, words: tuple[str, str], q: Quantities) -> Chart:
     """Return measured force beside two models, and what each leaves."""
+    text = (
+        f"Measured, and predicted by the model {words[0]} and {words[1]}. Both were fitted to these samples; the gain "
+        "above is measured on samples that the fit never saw. Gaps count as one sample."
+    )
+    models = dict(zip(words, (before, after), strict=True))
+    return _time_chart(result, models, "Over time, before and after", text, q)
+
+
+def model_over_time(result: Diagnosis, q: Quantities) -> Chart:
+    """Return measured force beside the base model, and what it leaves."""
+    text = "Measured, and as the model has it, which was fitted to these samples. Gaps count as one sample."
+    return _time_chart(result, {"model": result.models[0]}, "Over time", text, q)
+
+
+def _time_chart(result: Diagnosis, models: Mapping[str, Joint], title: str, text: str, q: Quantities) -> Chart:
     record = result.record
     time = record.features.active_time_s
     order: Ints = np.flatnonzero(np.diff(time, prepend=-np.inf) >= 0.0)
     force = record.friction_N
-    predicted = {word: (force - model.residual_N)[order] for word, model in zip(words, (before, after), strict=True)}
-    left = {word: model.residual_N[order] for word, model in zip(words, (before, after), strict=True)}
-    change = np.abs(before.residual_N - after.residual_N)[order]
+    predicted = {word: (force - model.residual_N)[order] for word, model in models.items()}
+    left = {word: model.residual_N[order] for word, model in models.items()}
+    residuals = list(left.values())
+    worst, error = "largest change,", residuals[0] - residuals[-1]
+    if len(residuals) == 1:
+        worst, error = "worst", residuals[0]
     velocity = record.features.velocity_m_s[order]
     drawn = signals.Signals(
         time[order],
@@ -43,16 +61,9 @@ def over_time(result: Diagnosis, before: Joint, after: Joint, words: tuple[str, 
         predicted,
         left,
         None,
-        signals.cycles_of(velocity, change, [slice(0, order.size)], "largest change,"),
+        signals.cycles_of(velocity, error, [slice(0, order.size)], worst),
     )
-    return signals.chart(
-        "Over time, before and after",
-        f"Measured, and predicted by the model {words[0]} and {words[1]}. Both were fitted to these samples; the gain "
-        "above is measured on samples that the fit never saw. Gaps count as one sample.",
-        drawn,
-        q,
-        ROWS,
-    )
+    return signals.chart(title, text, drawn, q, ROWS)
 
 
 def revealing(result: Diagnosis, found: Found, q: Quantities) -> Chart:

@@ -52,8 +52,9 @@ def diagnosis_page(
     sections = []
     if cards:
         sections.append(Section("What was found", _told(result, spread, q), cards=cards))
-    if result.effects and is_interactive() and len(result.effects) > 1:
-        sections.append(Section("All effects together", charts=[_whole(result, q)]))
+    if is_interactive() and len(result.effects) != 1:
+        title = "All effects together" if result.effects else "The model and what it leaves"
+        sections.append(Section(title, charts=[_whole(result, q)]))
     if result.remainder is not None:
         left = Card(
             "Something that no name holds for",
@@ -231,6 +232,8 @@ def _charts(result: Diagnosis, found: Found, q: Quantities) -> list[Chart]:
 def _whole(result: Diagnosis, q: Quantities) -> Chart:
     from friction_estimator.report.page import diagnosis_charts as charts  # noqa: PLC0415
 
+    if not result.effects:
+        return charts.model_over_time(result, q)
     return charts.over_time(result, result.models[0], result.models[-1], ("before", "with all of them"), q)
 
 

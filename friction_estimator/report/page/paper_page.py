@@ -82,6 +82,6 @@ def _card(claim: Claim) -> Card:
         f"{LEVELS[level][0]} {claim.verdict.capitalize()}: {claim.id.replace('_', ' ')}",
         claim.id,
         level,
-        [claim.statement, claim.why],
+        [f"The paper says: {claim.statement}", claim.why],
         facts=[("Experiment", claim.experiment)],
     )

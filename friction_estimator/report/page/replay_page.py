@@ -36,7 +36,7 @@ def replay_page(
     details : sections on the data and on the run.
     fitted : True for a batch fit: its samples were all known, and none was predicted before it was used.
     """
-    light, advice = trust.trust(result, scores, q, fitted)
+    light, advice = trust.trust(result, scores, q, fitted=fitted, diverged=summary["diverged"])
     advice = [_with_command(one, summary) for one in advice]
     charts: Mapping[str, Sequence[Chart]] = {}
     if is_interactive():

@@ -75,15 +75,16 @@ NAMES = {
 
 
 def trust(
-    result: Replay, scores: list[tuple[str, FrozenScore]], q: Quantities, fitted: bool
+    result: Replay, scores: list[tuple[str, FrozenScore]], q: Quantities, *, fitted: bool, diverged: bool
 ) -> tuple[Light, list[Advice]]:
     """Return the light and the advice.
 
     Parameters
     ----------
     scores : what was predicted without learning, by name. fitted : True for a batch fit, whose samples were all known.
+    diverged : as `Replay.figures` has it.
     """
-    found = [*_ending(result, q, fitted), *_elsewhere(scores, q), *_theory(result), *_covered(result, q)]
+    found = [*_ending(result, q, fitted, diverged), *_elsewhere(scores, q), *_theory(result), *_covered(result, q)]
     if not scores:
         found.append(
             Finding(
@@ -114,16 +115,14 @@ def _reasons(found: list[Finding]) -> str:
     return text[0].upper() + text[1:] + "."
 
 
-def _ending(result: Replay, q: Quantities, fitted: bool) -> list[Finding]:
+def _ending(result: Replay, q: Quantities, fitted: bool, diverged: bool) -> list[Finding]:
     """Judge the end of what was learned from."""
     errors = errors_at_the_end(result)
-    if result.figures()["diverged"] or not np.isfinite(errors.model):
+    if diverged or not np.isfinite(errors.model):
         text = "Lower the step size of this law, or take the default law, which cannot run away so."
         return [Finding(STOP, "the estimate diverged", Advice(text, "--law rls"))]
     if errors.model >= errors.spread:
-        text = (
-            "Check which topic, axis, joint and sign are read, and that both clocks agree (`friction_estimator info`)."
-        )
+        text = "Check which topic, axis, joint and sign are read, and that clocks agree: friction_estimator info tells."
         return [Finding(STOP, "it is no better than always saying the mean", Advice(text))]
     out = []
     known = errors.rivals.get("coulomb_viscous")
@@ -167,7 +166,7 @@ def _stribeck(name: str, score: FrozenScore, q: Quantities) -> list[Finding]:
     if not known or score.nrmse <= CLEARLY * min(known):
         return []
     rms = q.text(min(known) * score.spread_N, FORCE, ".2g")
-    text = "There a simpler curve does: `friction_estimator export` writes it; or learn from both drives."
+    text = "Learn from both drives, or use the simpler curve there: friction_estimator export writes one."
     return [
         Finding(CAUTION, f"a Stribeck curve fitted to what was learned is closer on {name} ({rms} rms)", Advice(text))
     ]

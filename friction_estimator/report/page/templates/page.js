@@ -23,7 +23,7 @@
       for (const name of ["axis_label_text_color", "label_text_color", "title_text_color"]) set(model, name, text);
       for (const name of ["major_label_text_color", "axis_line_color", "major_tick_line_color"]) set(model, name, quiet);
       for (const name of ["grid_line_color", "outline_line_color"]) set(model, name, rule);
-      if (model.type === "ColorBar") set(model, "bar_line_color", rule);
+      if (model.type === "ColorBar") model.setv({ bar_line_color: rule, visible: innerWidth >= 700 });
       // A row of names would hang over the edge of a phone.
       if (model.type === "Legend") model.setv(innerWidth < 700 ? { orientation: "vertical", ncols: 1 } : { orientation: "horizontal", ncols: "auto" });
     }
