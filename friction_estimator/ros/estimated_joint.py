@@ -13,8 +13,10 @@ from friction_estimator.core.fit.band import Curve
 from friction_estimator.core.model.structure import Parameters
 from friction_estimator.core.online.estimator import CHOSEN, Estimator, stated_config
 from friction_estimator.core.quantities import FORCE, VELOCITY, Quantities
+from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import PARAMETERS, Config
 from friction_estimator.core.settings.units import MOTION_S, REVERSALS
+from friction_estimator.ros.background import Background
 from friction_estimator.ros.build import build, supposed, without_learned
 from friction_estimator.ros.load import Load
 from friction_estimator.ros.outputs import Outputs
@@ -33,6 +35,9 @@ STILL_NEEDED = f"still needed: {REVERSALS} reversals or {MOTION_S:g} s of motion
 FEW_POINTS = 41
 """Velocities at which the learned part of the range is looked for where nobody asks for the whole curve."""
 
+LONGEST_DRAWING_S = 1.0
+"""Time that the curve is waited for at the end: thousands of weights must not keep the node from ending."""
+
 SNAPSHOT_S = 2.0
 """Learned parameters read in quick succession are of one moment, so that a dump is consistent."""
 
@@ -48,6 +53,7 @@ class EstimatedJoint:
     config : all parameters, learned values among them.
     load : is told how long each sample took.
     on_backlog : called where samples begin to wait; `work_off` has to be called then, until nothing waits.
+    on_error : takes an exception that the drawing of the curve met.
 
     Attributes
     ----------
@@ -56,7 +62,14 @@ class EstimatedJoint:
     quantities : what the drive's numbers are.
     """
 
-    def __init__(self, node: Node, config: Config, load: Load, on_backlog: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        config: Config,
+        load: Load,
+        on_backlog: Callable[[], None],
+        on_error: Callable[[str, Exception], None],
+    ) -> None:
         self._log = node.get_logger()
         self.config, self._configured = config, config.learned
         self.notes: dict[str, str] = {}
@@ -68,6 +81,8 @@ class EstimatedJoint:
             self._log.error(fault)
             self.notes["outputs"] = "; ".join(self.outputs.faults)
         self.keeper = StateKeeper(self._log)
+        self._drawing = Background("curve", on_error)
+        self._curve: Curve | None = None
         self._on_backlog = on_backlog
         self.stream = SampleStream(config, self._met, self._publish, load)
         self.stream.on_backlog = on_backlog
@@ -105,6 +120,7 @@ class EstimatedJoint:
 
     def _begin(self, estimator: Estimator) -> None:
         """Begin with an estimator of the present configuration, or with the first contact that it asks for."""
+        self._curve = None
         self.stream.begin(self.config, estimator if self.config.is_met else None)
         if self.stream.meeting:
             unset = " and ".join(name for name in ("basis.velocity_range", "force_unit") if not self._known(name))
@@ -196,21 +212,28 @@ class EstimatedJoint:
             self.outputs.parameters(estimator.parameters, stamp_ns)
 
     def look(self) -> Curve | None:
-        """Save the state where it is time to; return the static curve, published where somebody listens.
+        """Begin to save where it is time to, and to draw the static curve; return the last one that is ready.
 
-        At few velocities where nobody does; None without an estimator.
+        It holds for what was known a moment before, once a second and less often where drawing takes longer; None
+        before the first.
         """
         estimator = self.stream.estimator
         if estimator is None:
             return None
         self.keeper.tick(estimator)
-        conditions = self.stream.conditions
-        if not self.outputs.curve_wanted:
-            low, high = estimator.model.basis.reach
-            return estimator.curve(conditions, np.linspace(low, high, FEW_POINTS))
-        curve = estimator.curve(conditions)
-        self.outputs.curve(curve)
-        return curve
+        if not self._drawing.busy:
+            moment, conditions = estimator.snapshot(), self.stream.conditions
+            self._drawing.begin(lambda: self._draw(moment, conditions))
+        return self._curve
+
+    def _draw(self, moment: Estimator, conditions: Samples) -> None:
+        """Draw the static curve, and publish it where somebody listens; at few velocities where nobody does."""
+        if self.outputs.curve_wanted:
+            self._curve = moment.curve(conditions)
+            self.outputs.curve(self._curve)
+        else:
+            low, high = moment.model.basis.reach
+            self._curve = moment.curve(conditions, np.linspace(low, high, FEW_POINTS))
 
     # --- what the services ask for -----------------------------------------------------------------------------
 
@@ -257,6 +280,7 @@ class EstimatedJoint:
     def close(self) -> None:
         """Save the state; the last act."""
         self.keeper.close(self.stream.estimator)
+        self._drawing.join(LONGEST_DRAWING_S)
         self.outputs.close()
 
     # --- parameters --------------------------------------------------------------------------------------------

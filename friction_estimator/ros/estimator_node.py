@@ -60,7 +60,9 @@ class EstimatorNode(ConfiguredNode):
         # Housekeeping must go on when the simulation's clock stands still.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._working_off = self.create_timer(WORK_OFF_S, self._work_off, clock=steady, autostart=False)
-        self._joint = EstimatedJoint(self, self.config, self.health.load, self._working_off.reset)
+        self._joint = EstimatedJoint(
+            self, self.config, self.health.load, self._working_off.reset, self.health.exception
+        )
         self.config = without_learned(self.config)
         self.create_timer(BREATH_S, self._joint.stream.breathe, clock=steady)
         self._joint.start()

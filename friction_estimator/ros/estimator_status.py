@@ -49,7 +49,7 @@ class EstimatorStatus:
         ----------
         samples : admitted since the last look, which was `span_s` ago.
         account : of the time that the node used.
-        curve : the present static curve, at any velocities over its range.
+        curve : the last static curve, at any velocities over its range; None before the first.
         notes : the node's own, beside the joint's.
         """
         stream, quantities = self._joint.stream, self._joint.quantities
@@ -139,7 +139,9 @@ def _account(estimator: Estimator, curve: Curve | None, quantities: Quantities) 
 def _learned_part(curve: Curve | None, quantities: Quantities) -> dict[str, Any]:
     """Return which part of the velocity range the data have decided on."""
     key = "learned part of the velocity range"
-    if curve is None or curve.learned_share is None:
+    if curve is None:
+        return {key: "not known yet"}
+    if curve.learned_share is None:
         return {key: "not known: this law keeps no covariance"}
     known = curve.learned_share > LEARNED_SHARE
     if not known.any():

@@ -58,7 +58,7 @@ class Health:
 
         Parameters
         ----------
-        curve : the present static curve, at any velocities over its range.
+        curve : the last static curve, at any velocities over its range; None before the first.
         """
         now = time.monotonic()
         span = max(now - self._last, 1e-3)

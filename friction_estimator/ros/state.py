@@ -8,7 +8,7 @@ import base64
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from enum import Enum
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,9 @@ LIMITS = Limits(size=128 * 2**20, depth=8, nodes=20_000)
 
 _MOST_ASIDE = 1000
 """Refused files that are kept beside a state file, each under a number of its own."""
+
+_PIECE = 3 * 2**14
+"""Bytes of an array that are written at once: a multiple of three, so that base64 goes on without a seam."""
 
 _ARRAY_TYPES = ("float64", "int64", "int32", "bool", "int8")
 
@@ -109,12 +112,23 @@ def standing(path: str | os.PathLike[str]) -> Standing:
 
 
 def dumps(state: Mapping[str, Any]) -> bytes:
-    """Return the content of the state file for the state of an estimator; raises InputError where it is too large."""
-    content = json.dumps({"estimator": _packed(state)}, separators=(",", ":"))
-    data = json.dumps({"format": FORMAT, "sha256": _checksum(content), "content": content}).encode()
-    if len(data) > LIMITS.size:
+    """Return the content of the state file for the state of an estimator; raises InputError where it is too large.
+
+    Made in pieces, so that a thread that packs keeps no other waiting for long.
+    """
+    size = sum(4 * array.nbytes // 3 for array in state.get("arrays", {}).values())
+    if size <= LIMITS.size:
+        pieces = ['{"estimator":', *_pieces(state), "}"]
+        digest = hashlib.sha256()
+        for piece in pieces:
+            digest.update(piece.encode())
+        head = f'{{"format": "{FORMAT}", "sha256": "{digest.hexdigest()}", "content": "'
+        # The content is ASCII without control characters: as a JSON string only these two are written otherwise.
+        data = b"".join([head.encode(), *(_escaped(piece).encode() for piece in pieces), b'"}'])
+        size = len(data)
+    if size > LIMITS.size:
         raise InputError(
-            f"the state has {len(data) / 2**20:.0f} MiB, more than the {LIMITS.size / 2**20:g} MiB that are read back: "
+            f"the state has {size / 2**20:.0f} MiB, more than the {LIMITS.size / 2**20:g} MiB that are read back: "
             "set a larger basis.velocity_unit or basis.finest_level, or model.law to nlms"
         )
     return data
@@ -193,15 +207,27 @@ def _checksum(content: str) -> str:
     return hashlib.sha256(content.encode()).hexdigest()
 
 
-def _packed(value: Any) -> Any:
+def _pieces(value: Any) -> Iterator[str]:
+    """Yield the JSON text of a state, in pieces."""
     if isinstance(value, Mapping):
-        return {str(key): _packed(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        data = base64.b64encode(np.ascontiguousarray(value).tobytes()).decode()
-        return {"array": data, "type": value.dtype.name, "shape": list(value.shape)}
-    if isinstance(value, list | tuple):
-        return [_packed(item) for item in value]
-    return value.item() if isinstance(value, np.generic) else value
+        yield "{"
+        for number, (key, item) in enumerate(value.items()):
+            yield f"{',' if number else ''}{json.dumps(str(key))}:"
+            yield from _pieces(item)
+        yield "}"
+    elif isinstance(value, np.ndarray):
+        data = np.ascontiguousarray(value).tobytes()
+        yield '{"array":"'
+        for start in range(0, len(data), _PIECE):
+            yield base64.b64encode(data[start : start + _PIECE]).decode()
+        yield f'","type":"{value.dtype.name}","shape":{json.dumps(value.shape, separators=(",", ":"))}}}'
+    else:
+        plain = value.item() if isinstance(value, np.generic) else value
+        yield json.dumps(plain, separators=(",", ":"), default=np.generic.item)
+
+
+def _escaped(text: str) -> str:
+    return text.replace("\\", "\\\\").replace('"', '\\"')
 
 
 def _array(packed: Mapping[str, Any]) -> np.ndarray[Any, Any]:

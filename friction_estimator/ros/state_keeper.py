@@ -1,6 +1,5 @@
 """When the state file is written and read: periodically, on request, at start and at exit."""
 
-import threading
 import time
 from collections.abc import Callable
 from typing import Any
@@ -10,6 +9,7 @@ from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.settings.groups import StateConfig
 from friction_estimator.output.paths import resolved
 from friction_estimator.output.staging import InUseError, Staging
+from friction_estimator.ros.background import Background
 from friction_estimator.ros.state import Standing, dumps, read_state, set_aside, standing, write_state
 
 LONGEST_WRITE_S = 10.0
@@ -23,8 +23,8 @@ class StateKeeper:
     """Owns the state file of one node.
 
     It holds the file's lock as long as the node has the file: a second node of the same file goes on without saving,
-    says who holds it, and takes over when it is free. Periodic saves are written by a thread, since a disk may take
-    longer than a queue can wait.
+    says who holds it, and takes over when it is free. Periodic saves are of one moment, and packed and written by a
+    thread: a sample can wait for neither, and a disk may take longer than any queue.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class StateKeeper:
         self._config = StateConfig()
         self._staging: Staging | None = None
         self._due = 0.0
-        self._writer: threading.Thread | None = None
+        self._writer = Background("state file", lambda name, error: self._failed(f"not saved: {name}: {error}"))
         self._saved_samples = -1
         self._saved_at = 0.0
         self._failure = ""
@@ -98,10 +98,11 @@ class StateKeeper:
         path = self._path()
         self._join()
         try:
-            self._write(self._content(estimator))
-        except InputError as error:
+            self._write(self._held(), estimator)
+        except FrictionEstimatorError as error:
             self._failed(f"not saved: {error}")
             raise
+        self._saved_samples = estimator.health.samples
         return f"saved {path}"
 
     def tick(self, estimator: Estimator) -> None:
@@ -110,9 +111,9 @@ class StateKeeper:
         if not config.file or not config.period or time.monotonic() < self._due:
             return
         self._due = time.monotonic() + config.period
-        if self._busy() or estimator.health.samples == self._saved_samples:
+        if self._writer.busy or estimator.health.samples == self._saved_samples:
             return
-        self._guarded(lambda: self._start_writing(estimator), "not saved")
+        self._guarded(lambda: self._begin_writing(estimator), "not saved")
 
     def close(self, estimator: Estimator | None) -> None:
         """Save at exit if anything changed, and give the file up."""
@@ -144,36 +145,34 @@ class StateKeeper:
         self._staging = staging
 
     def _give_up(self) -> None:
-        if self._staging is not None and not self._busy():  # what still writes keeps it until the process ends
+        if self._staging is not None and not self._writer.busy:  # what still writes keeps it until the process ends
             self._staging.release()
         self._staging = None
 
     # --- writing ---------------------------------------------------------------------------------------------------
 
-    def _content(self, estimator: Estimator) -> bytes:
-        """Return what to write, once the lock is held; raises InputError where this state cannot be saved."""
+    def _held(self) -> Staging:
+        """Return where to write, once the lock is held; raises InputError where it cannot be had."""
         if self._staging is None:
             self._take()
-        estimator.check_state()
-        data = dumps(estimator.state())
-        self._saved_samples = estimator.health.samples
-        return data
+        assert self._staging is not None
+        return self._staging
 
-    def _start_writing(self, estimator: Estimator) -> None:
-        data = self._content(estimator)
-        self._writer = threading.Thread(
-            target=self._guarded, args=(lambda: self._write(data), "not saved"), name="state file", daemon=True
-        )
-        self._writer.start()
+    def _begin_writing(self, estimator: Estimator) -> None:
+        staging, moment = self._held(), estimator.snapshot()
+        self._saved_samples = moment.health.samples
+        self._writer.begin(lambda: self._guarded(lambda: self._write(staging, moment), "not saved"))
 
     def _last_save(self, estimator: Estimator) -> None:
         self._join()
         if estimator.health.samples != self._saved_samples:
-            self._write(self._content(estimator))
+            self._write(self._held(), estimator)
+            self._saved_samples = estimator.health.samples
 
-    def _write(self, data: bytes) -> None:
-        assert self._staging is not None
-        write_state(self._staging, data)
+    def _write(self, staging: Staging, estimator: Estimator) -> None:
+        """Write what the estimator is; raises FrictionEstimatorError where that is impossible."""
+        estimator.check_state()
+        write_state(staging, dumps(estimator.state()))
         self._saved_at = time.monotonic()
         self._failure = ""
 
@@ -195,12 +194,7 @@ class StateKeeper:
             raise ConfigError("state.file is empty: set it to the path of the state file")
         return self._config.file
 
-    def _busy(self) -> bool:
-        return self._writer is not None and self._writer.is_alive()
-
     def _join(self) -> None:
         """Wait for the save that is under way; raises InputError where it takes too long."""
-        if self._writer is not None:
-            self._writer.join(LONGEST_WRITE_S)
-            if self._writer.is_alive():
-                raise InputError(f"{self._config.file} has been written to for {LONGEST_WRITE_S:g} s without an end")
+        if not self._writer.join(LONGEST_WRITE_S):
+            raise InputError(f"{self._config.file} has been written to for {LONGEST_WRITE_S:g} s without an end")

@@ -1,5 +1,6 @@
 """The estimator: model, law and state put together. Replay runs it over arrays, the live node over one sample."""
 
+import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -264,6 +265,12 @@ class Estimator:
             return None
         root = self._predicting[1]
         return np.asarray(self._prior.residual_variance * (root @ root.T))
+
+    def snapshot(self) -> "Estimator":
+        """Return what this one is now, to be read while it goes on: for curve, state and health, not for samples."""
+        taken = copy.copy(self)
+        taken.work = self.work.copy()
+        return taken
 
     def curve(self, samples: Samples | None = None, velocity_m_s: Floats | None = None) -> Curve:
         """Return the static curve with its band.

@@ -1,6 +1,6 @@
 """What one estimator carries from sample to sample, and the names of the places in it."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,10 @@ STEP, FLOOR, LEAST_LEVERAGE, RESIDUAL_VARIANCE, LEAST_SPEED, TOP_SPEED = range(6
 START_POWER = 1.0
 """Running powers before the first sample: an error of one force unit is nothing unusual yet."""
 
-CONSTANTS = ("shape", "prior", "mean", "information", "prior_root", "law")
+WRITTEN_ONCE = ("shape", "prior", "mean", "information", "prior_root")
+"""Fields that follow from model and prior: copies share them."""
+
+CONSTANTS = (*WRITTEN_ONCE, "law")
 """Fields that follow from the configuration and are no part of a state."""
 
 
@@ -85,8 +88,10 @@ class Workspace:
     hold: Floats
 
     def copy(self) -> "Workspace":
-        """Return an independent copy."""
-        return Workspace(**{f.name: getattr(self, f.name).copy() for f in fields(self)})
+        """Return a copy whose every sample leaves this one as it is."""
+        return replace(
+            self, **{f.name: getattr(self, f.name).copy() for f in fields(self) if f.name not in WRITTEN_ONCE}
+        )
 
     def arrays(self) -> tuple[Any, ...]:
         """Return the arrays in the order in which `kernels.run` takes them."""
