@@ -229,9 +229,9 @@ def run(*words, shell="", **environment):
     ("shell", "codes", "said"),
     [
         ("| head -c1", (0, 141), ""),  # 0 where all was written before the reader left
-        (">&-", (0,), ""),
+        (">&-", (2,), "friction_estimator info: cannot use stdout: it is closed\n"),
         ("2>&-", (0,), ""),
-        (">&- 2>&- <&-", (0,), ""),
+        (">&- 2>&- <&-", (2,), ""),
         (">/dev/full", (2,), "friction_estimator info: cannot use stdout: No space left on device\n"),
     ],
 )

@@ -20,6 +20,7 @@ from friction_estimator.core.settings.joints import of_joint
 from friction_estimator.documents.configuration import config_of, read_parameters
 from friction_estimator.output.run import RunOutput
 from friction_estimator.output.staging import Refusal
+from friction_estimator.streams import ClosedStdout
 
 INPUTS = ("velocity", "friction", "pressure", "temperature", "position", "joint_states")
 """What `--topic` can name."""
@@ -169,7 +170,7 @@ def add_json_option(parser: argparse.ArgumentParser) -> None:
 def _json_target(text: str) -> str:
     if text != "-" and (Path(text).suffix in _RECORDING_SUFFIXES or Path(text).is_dir()):
         raise argparse.ArgumentTypeError(f"{text} is no JSON file; write `--json -` to print")
-    if text == "-" and sys.stdout is None:
+    if text == "-" and isinstance(sys.stdout, ClosedStdout):
         raise argparse.ArgumentTypeError("stdout is closed, the result cannot be printed; name a file")
     return text
 
