@@ -184,6 +184,23 @@ def test_a_state_that_does_not_fit_is_refused_and_changes_nothing():
     _same_state(estimator.state(), before)
 
 
+@pytest.mark.parametrize("law", LAWS)
+def test_a_snapshot_stays_as_it_is_while_its_estimator_goes_on(law):
+    """What a thread saves and draws is of one moment, whatever is learned, reset or set meanwhile."""
+    samples, _ = record("parallel", cycles=2)
+    estimator = estimator_for(samples, model__law=law)
+    half = len(samples) // 2
+    estimator.run(samples[:half])
+    taken, state, curve = estimator.snapshot(), estimator.state(), estimator.curve()
+    estimator.run(samples[half:])
+    estimator.parameters = estimator.model.split(np.zeros_like(estimator.work.theta))
+    _same_state(taken.state(), state)
+    np.testing.assert_array_equal(taken.curve().friction_N, curve.friction_N)
+    np.testing.assert_array_equal(taken.curve().low_N, curve.low_N)
+    assert taken.health.samples == half
+    assert estimator.health.samples == len(samples)
+
+
 def _same_state(one, other):
     assert {**one, "arrays": 0} == {**other, "arrays": 0}
     assert one["arrays"].keys() == other["arrays"].keys()

@@ -277,6 +277,28 @@ def keeper_of(path, period=0.0):
     return keeper, heard.lines
 
 
+def test_what_is_saved_while_samples_come_is_of_one_moment(tmp_path):
+    """Every file that appears is the state after some sample, and going on from there gives what the estimator gave."""
+    path = tmp_path / "state.json"
+    keeper, _ = keeper_of(path, period=1e-9)
+    estimator = Estimator(Config.from_mapping({"basis.velocity_range": [-0.1, 0.1], "force_unit": 5.0}))
+    states: dict[int, bytes] = {}
+    found = set()
+    while len(found) < 20:
+        k = len(states)
+        estimator.step(k + 1, 0.09 * np.sin(0.3 * k), 4.0 * np.sign(np.sin(0.3 * k)))
+        states[k + 1] = dumps(estimator.state())
+        keeper.tick(estimator)
+        if path.exists():
+            data = path.read_bytes()
+            samples = int(loads(data, "saved")["arrays"]["status"][at.SEEN])
+            assert data == states[samples]
+            found.add(samples)
+        assert k < 20_000
+    keeper.close(estimator)
+    assert path.read_bytes() == states[len(states)]
+
+
 def test_what_is_foreign_is_neither_read_nor_renamed_nor_replaced(tmp_path):
     estimator = learned()
     for path, words in foreign(tmp_path):
