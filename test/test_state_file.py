@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from synthetic import samples_of
 
 from friction_estimator.core.errors import ConfigError, FrictionEstimatorError, InputError
 from friction_estimator.core.online import workspace as at
@@ -278,25 +279,25 @@ def keeper_of(path, period=0.0):
 
 
 def test_what_is_saved_while_samples_come_is_of_one_moment(tmp_path):
-    """Every file that appears is the state after some sample, and going on from there gives what the estimator gave."""
+    """The compiled loop lets threads run in the middle of a sample; what they save is what was when it was time to."""
     path = tmp_path / "state.json"
     keeper, _ = keeper_of(path, period=1e-9)
     estimator = Estimator(Config.from_mapping({"basis.velocity_range": [-0.1, 0.1], "force_unit": 5.0}))
+    velocity = 0.09 * np.sin(0.3 * np.arange(300))
+    samples = samples_of(velocity, 4.0 * np.sign(velocity))
     states: dict[int, bytes] = {}
     found = set()
-    while len(found) < 20:
-        k = len(states)
-        estimator.step(k + 1, 0.09 * np.sin(0.3 * k), 4.0 * np.sign(np.sin(0.3 * k)))
-        states[k + 1] = dumps(estimator.state())
+    while len(found) < 10:
+        estimator.run(samples)
+        states[estimator.health.samples] = dumps(estimator.state())
         keeper.tick(estimator)
         if path.exists():
             data = path.read_bytes()
-            samples = int(loads(data, "saved")["arrays"]["status"][at.SEEN])
-            assert data == states[samples]
-            found.add(samples)
-        assert k < 20_000
+            moment = int(loads(data, "saved")["arrays"]["status"][at.SEEN])
+            assert data == states[moment]
+            found.add(moment)
     keeper.close(estimator)
-    assert path.read_bytes() == states[len(states)]
+    assert path.read_bytes() == states[estimator.health.samples]
 
 
 def test_what_is_foreign_is_neither_read_nor_renamed_nor_replaced(tmp_path):
