@@ -14,6 +14,9 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from friction_estimator.ros.estimator_node import EstimatorNode
 
+SWITCH_S = 2e-4
+"""Longest time that a thread in the background keeps a sample waiting for the interpreter's lock (5 ms by default)."""
+
 SPIN_S = 0.1
 """Longest wait in one turn of the spin loop: bounds how late a signal is noticed."""
 
@@ -63,6 +66,7 @@ def _run(arguments: list[str], signals: StopSignals) -> None:
         except RuntimeError as error:
             raise InputError(str(error)) from error
     signals.scratch = ""
+    sys.setswitchinterval(SWITCH_S)
     node: EstimatorNode | None = None
     try:
         try:

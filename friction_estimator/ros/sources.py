@@ -34,8 +34,8 @@ Deliver = Callable[[int, int, float], None]
 REMEMBERED = 64
 """Stamps kept of each input, to measure the offset between two of them."""
 
-MOST_STAMPS = 16_384
-"""Stamps kept between two looks at them, once a second."""
+MOST_STAMPS = 65_536
+"""Stamps kept between two looks at them, once a second: a node that stood still looks later, at more."""
 
 STRANGE_S = 10.0
 """A frame that differs from the first one is told of for this long."""
