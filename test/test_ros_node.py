@@ -47,11 +47,15 @@ def feed(feeder, stamps, velocity, friction, rate_hz=1000.0):
 
 
 def connected(graph, prefix=""):
-    """Return a matched feeder and the list that fills with the predictions."""
+    """Return a matched feeder and the list that fills with the predictions.
+
+    That this process knows the node's publisher does not mean that the publisher knows of this process's subscription:
+    both find each other at their own time, and what is published before is for nobody. Only the node can tell.
+    """
     feeder = Feeder(graph, prefix)
     heard = graph.hear(WrenchStamped, f"{prefix}{PREDICTED}", raw=True)
     feeder.matched()
-    graph.heard_by(f"{prefix}{PREDICTED}")
+    diagnostics(graph, lambda v: int(v["subscribers of the prediction"]) > 0, f"{prefix}/friction_estimator")
     return feeder, heard
 
 

@@ -55,6 +55,7 @@ class EstimatorStatus:
         stream, quantities = self._joint.stream, self._joint.quantities
         level, words = DiagnosticStatus.OK, "learning" if stream.learn else "predicting, not learning"
         values: dict[str, Any] = {"samples per second": f"{samples / span_s:.1f}", "predictions": stream.predictions}
+        values["subscribers of the prediction"] = self._joint.outputs.subscribers
         values["samples lost"] = stream.lost
         values["samples waiting"] = stream.held_back
         values["samples dropped while waiting"] = stream.dropped

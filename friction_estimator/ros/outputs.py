@@ -92,6 +92,11 @@ class Outputs:
         """Publish nothing more for people."""
         self._monitor.close()
 
+    @property
+    def subscribers(self) -> int:
+        """Subscriptions that predictions reach: those that this publisher has been matched with."""
+        return self._predicted.get_subscription_count()
+
     def parameters_due(self, rate_hz: float) -> bool:
         """Return True where the parameters are to be published now; a rate of 0 means always."""
         if rate_hz <= 0.0:
