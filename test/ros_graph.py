@@ -222,6 +222,28 @@ class Graph:
         """Wait until a topic has publishers."""
         await_(lambda: self.probe.count_publishers(topic) >= count, f"a publisher of {topic}")
 
+    def reached_by(self, node: str = "/friction_estimator") -> None:
+        """Wait until the predictions of a node reach a subscription, and so all that were made before it here.
+
+        That this process knows the node's publisher does not mean that the publisher knows of its subscription: both
+        find each other at their own time, and what is published before is for nobody. Only the node can tell.
+        """
+        from diagnostic_msgs.msg import DiagnosticArray
+
+        told: list[int] = []
+
+        def look(message: Any) -> None:
+            for status in message.status:
+                values = {pair.key: pair.value for pair in status.values}
+                if status.hardware_id == node:
+                    told.append(int(values.get("subscribers of the prediction", 0)))
+
+        subscription = self.probe.create_subscription(DiagnosticArray, "/diagnostics", look, 10)
+        try:
+            await_(lambda: any(told), f"a subscription to the predictions of {node}")
+        finally:
+            self.probe.destroy_subscription(subscription)
+
     # --- services ----------------------------------------------------------------------------------------------
 
     def call(self, kind: type, name: str, **fields: Any) -> Any:

@@ -44,11 +44,10 @@ class Listening:
 
     def __init__(self, graph):
         self.feeder = Feeder(graph)
-        self.predicted = graph.hear(WrenchStamped, f"{NODE}/friction_predicted", raw=True)
         self.deviation = graph.hear(WrenchStamped, f"{NODE}/friction_stddev", raw=True)
+        self.predicted = graph.hear(WrenchStamped, f"{NODE}/friction_predicted", raw=True)
         self.feeder.matched()
-        for topic in ("friction_predicted", "friction_stddev"):
-            graph.heard_by(f"{NODE}/{topic}")
+        graph.reached_by()
 
     def feed(self, stamps, velocity, friction):
         """Publish pairs, no faster than they are taken."""

@@ -27,7 +27,7 @@ def test_the_node_recovers_from_every_fault(graph, units):
     heard = graph.hear(WrenchStamped, "/friction_estimator/friction_predicted", raw=True)
     feeder = Feeder(graph)
     feeder.matched()
-    graph.heard_by("/friction_estimator/friction_predicted")
+    graph.reached_by()
     hostile = Hostile(feeder, heard)
     before = hostile.normal(10.0)
     wanted = {}

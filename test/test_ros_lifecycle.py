@@ -64,7 +64,7 @@ def test_state_survives_a_restart_bit_for_bit(graph):
         feeder = Feeder(graph)
         heard = graph.hear(WrenchStamped, f"{NODE}/friction_predicted", raw=True)
         feeder.matched()
-        graph.heard_by(f"{NODE}/friction_predicted")
+        graph.reached_by()
         for k in range(*part.indices(stamps.size)):
             feeder.pair(int(stamps[k]), velocity[k], friction[k])
             await_(lambda n=k - part.start: len(heard) > n, "a prediction")

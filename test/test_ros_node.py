@@ -47,15 +47,11 @@ def feed(feeder, stamps, velocity, friction, rate_hz=1000.0):
 
 
 def connected(graph, prefix=""):
-    """Return a matched feeder and the list that fills with the predictions.
-
-    That this process knows the node's publisher does not mean that the publisher knows of this process's subscription:
-    both find each other at their own time, and what is published before is for nobody. Only the node can tell.
-    """
+    """Return a matched feeder and the list that fills with the predictions."""
     feeder = Feeder(graph, prefix)
     heard = graph.hear(WrenchStamped, f"{prefix}{PREDICTED}", raw=True)
     feeder.matched()
-    diagnostics(graph, lambda v: int(v["subscribers of the prediction"]) > 0, f"{prefix}/friction_estimator")
+    graph.reached_by(f"{prefix}/friction_estimator")
     return feeder, heard
 
 
@@ -99,7 +95,7 @@ def test_joint_states_and_held_channels(graph):
     temperature = graph.publisher(Temperature, "/temperature")
     graph.matched("/joint_states", "/pressure", "/temperature")
     heard = graph.hear(WrenchStamped, PREDICTED)
-    graph.heard_by(PREDICTED)
+    graph.reached_by()
     stamps, velocity, friction = motion(200, 1000.0)
     message = JointState(name=["other", "shaft"])
     message.header.frame_id = "world"
@@ -132,7 +128,7 @@ def test_unstamped_values_are_paired_by_time_of_receipt(graph):
     velocity, friction = graph.publisher(Float64, "/velocity"), graph.publisher(Float64, "/friction")
     graph.matched("/velocity", "/friction")
     heard = graph.hear(WrenchStamped, PREDICTED)
-    graph.heard_by(PREDICTED)
+    graph.reached_by()
     for k in range(50):
         velocity.publish(Float64(data=0.05))
         friction.publish(Float64(data=2.0))

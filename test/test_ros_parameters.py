@@ -241,7 +241,7 @@ def test_a_dump_starts_the_next_node_warm(graph, units):
         feeder = ros_graph.Feeder(graph)
         heard = graph.hear(WrenchStamped, f"{NODE}/friction_predicted", raw=True)
         feeder.matched()
-        graph.heard_by(f"{NODE}/friction_predicted")
+        graph.reached_by()
         for _ in range(2 if stop else 1):
             before = len(heard)
             feed(feeder, stamps, velocity, friction)

@@ -79,7 +79,7 @@ def test_a_loop_keeps_what_was_learned(graph):
     """The node hears the recording again and again: nothing is lost, and the second round is better."""
     node = graph.start_node({"publish.parameters_rate": 0.0})
     heard = graph.hear(WrenchStamped, "/friction_estimator/friction_predicted", raw=True)
-    graph.heard_by("/friction_estimator/friction_predicted")
+    graph.reached_by()
     player = play(graph, "--loop", "--duration", 3, "--rate", 3)
     name, calls = "/friction_estimator", 0
     while len(heard) < 1800:  # meanwhile somebody turns every knob that acts at once

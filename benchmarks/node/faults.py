@@ -21,7 +21,7 @@ def main() -> None:
         heard = made.hear(WrenchStamped, PREDICTED, raw=True)
         feeder = Feeder(made)
         feeder.matched()
-        made.heard_by(PREDICTED)
+        made.reached_by()
         hostile = Hostile(feeder, heard, wall_rate_hz=1000.0)
         before = hostile.normal(20.0)
         lines = []
