@@ -103,7 +103,10 @@ class EstimatorNode(ConfiguredNode):
             stream.work_off()
         except Exception as error:
             self.health.exception("samples that waited", error)
-        if not stream.working_off:
+        if stream.working_off:
+            # A timer that is always due keeps the spin from ending, and so a signal from being obeyed.
+            self._working_off.reset()
+        else:
             self._working_off.cancel()
 
     def _tick(self) -> None:
