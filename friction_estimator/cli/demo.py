@@ -84,6 +84,8 @@ def _demonstrate(args: argparse.Namespace, output: common.Output) -> int:
         play = [sys.executable, "-m", "friction_estimator", "play", "--quiet", args.bag, "--rate", str(args.rate)]
         say(f"live node   {config.model.type} model, law {config.model.law}")
         say(f"recording   {args.bag}: {len(samples)} samples in {samples.time_s[-1]:.1f} s, played at {args.rate:g}x")
+        domain = f"ROS_DOMAIN_ID={os.environ['ROS_DOMAIN_ID']} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
+        say(f"watch it    {domain} {Path(sys.executable).with_name('friction_estimator')} watch", flush=True)
         with Listener() as listener, _child(node) as live:
             _wait(listener, listener.connected, live, "the node did not appear")
             with _child(play) as player:

@@ -25,6 +25,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "identify": ("identify", "batch reference fit: the best this structure can do on this record"),
     "reproduce": ("reproduce", "the paper's Figs. 3-6 and a table of its claims"),
     "export": ("export", "what was learned, for a controller or a simulator, with its error"),
+    "watch": ("watch", "a live page on this machine, or a screen of text, beside a running node"),
     "info": ("info", "what a recording holds, and what can be identified from it"),
 }
 """Every verb. Its module has `add_parser(subparsers)`, which adds the parser named like the verb, and `run(args)`,

@@ -1,0 +1,170 @@
+"""`watch` beside a running node: it shows what the node predicts, is there for this machine only, and neither ends the
+other."""
+
+import base64
+import contextlib
+import http.client
+import re
+import signal
+import socket
+import struct
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("bokeh")
+
+import ros_graph
+from browser import Browser, needs_browser
+from geometry_msgs.msg import WrenchStamped
+from ros_graph import Feeder, await_, force, motion
+from terminal import Terminal
+
+pytestmark = pytest.mark.ros
+NODE = "/friction_estimator"
+
+WORDS = """(() => {
+  const find = (root, name) => {
+    for (const each of root.querySelectorAll("*")) {
+      if (each.matches(name)) return each.innerText;
+      const inside = each.shadowRoot && find(each.shadowRoot, name);
+      if (inside) return inside;
+    }
+  };
+  return [find(document, ".light"), find(document, ".facts")].join("|");
+})()"""
+
+DRAWN = "Bokeh.documents[0].get_model_by_name('samples').data.predicted.length"
+
+
+@pytest.fixture
+def graph(tmp_path):
+    with ros_graph.graph(tmp_path) as made:
+        yield made
+
+
+class Rig:
+    """A node, and samples fed to it no faster than it predicts them."""
+
+    def __init__(self, graph):
+        self.graph = graph
+        self.node = graph.start_node()
+        self.predicted = graph.hear(WrenchStamped, f"{NODE}/friction_predicted", raw=True)
+        self.feeder = Feeder(graph)
+        self.samples = list(zip(*(values.tolist() for values in motion(40_000, 500.0)), strict=True))
+        self.sent = 0
+        self.connected()
+
+    def connected(self):
+        self.graph.heard_by(f"{NODE}/friction_predicted")
+        self.feeder.matched()
+
+    def feed(self, count=50):
+        before = len(self.predicted)
+        for sample in self.samples[self.sent : self.sent + count]:
+            self.feeder.pair(*sample)
+        self.sent += count
+        await_(lambda: len(self.predicted) >= before + count, "the predictions")
+        return True
+
+
+def watch(graph):
+    process = graph.start("-m", "friction_estimator", "watch", "--port", "0")
+    process.says("shows")
+    return process, re.search(r"http://127\.0\.0\.1:(\d+)/", process.output())[0]
+
+
+def opened(browser, address):
+    browser.call("Page.navigate", url=address)
+    await_(lambda: browser.js("typeof Bokeh === 'object' && Bokeh.documents.length"), "the page")
+
+
+def port_of(address):
+    return int(address.rsplit(":", 1)[1].strip("/"))
+
+
+@needs_browser
+def test_the_page_shows_what_the_node_predicts_whoever_dies(graph, tmp_path):
+    rig = Rig(graph)
+    process, address = watch(graph)
+    with Browser(tmp_path / "profile", local=True) as browser:
+        opened(browser, address)
+        await_(lambda: rig.feed() and "newest sample" in browser.js(WORDS), "rows on the page")
+        stamp_ns, value = force(rig.predicted[-1])
+        await_(lambda: f"stamp {stamp_ns / 1e9:.3f}" in browser.js(WORDS), "the newest sample")
+        assert f"{value:.4g} N" in browser.js(WORDS)
+        await_(lambda: browser.js(DRAWN) > 10, "lines")
+
+        rig.node.stop(signal.SIGKILL)
+        await_(lambda: "no node publishes" in browser.js(WORDS), "that the node is gone")
+        rig.node = graph.start_node()
+        rig.connected()
+        await_(lambda: rig.feed() and "no node" not in browser.js(WORDS), "the next node")
+        await_(lambda: f"stamp {force(rig.predicted[-1])[0] / 1e9:.3f}" in browser.js(WORDS), "its samples")
+
+        loud = [line for line in browser.complaints() if "asks for http://127.0.0.1" not in line]
+        assert not [line for line in loud if "favicon" not in line]
+        process.stop(signal.SIGKILL)
+        await_(lambda: graph.probe.count_subscribers(f"{NODE}/monitor") == 0, "that nobody looks")
+        for _ in range(5):
+            rig.feed()
+    assert rig.node.stop() == 0
+    assert "error" not in rig.node.output().lower()
+
+
+def test_it_is_there_for_this_machine_only(graph):
+    """One socket at 127.0.0.1; a page of another site may not read it through the browser."""
+    process, address = watch(graph)
+    port = port_of(address)
+    listening = set()
+    for table in ("tcp", "tcp6"):
+        for line in Path(f"/proc/{process.pid}/net/{table}").read_text().splitlines()[1:]:
+            local, state = line.split()[1], line.split()[3]
+            if state == "0A" and int(local.split(":")[1], 16) == port:
+                listening.add(local.split(":")[0])
+    assert listening == {f"{struct.unpack('<I', socket.inet_aton('127.0.0.1'))[0]:08X}"}
+
+    def answer(origin):
+        """Return the status with which a websocket for a page of this origin is answered."""
+        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=ros_graph.LIMIT_S)
+        wish = {"Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13"}
+        key = base64.b64encode(bytes(16)).decode()
+        with contextlib.closing(connection):
+            connection.request("GET", "/ws", headers={**wish, "Sec-WebSocket-Key": key, "Origin": origin})
+            return connection.getresponse().status
+
+    for origin in ("http://example.com", "http://127.0.0.1:1", f"https://localhost.example:{port}"):
+        assert answer(origin) == 403
+    assert answer(f"http://127.0.0.1:{port}") == answer(f"http://localhost:{port}") == 101
+    assert process.stop() == 0
+
+
+def test_a_taken_port_is_one_line(graph):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        process = graph.start("-m", "friction_estimator", "watch", "--port", str(port))
+        assert process.popen.wait(ros_graph.LIMIT_S) == 2
+    assert f"port {port} of 127.0.0.1" in process.output()
+    assert "--port" in process.output()
+    assert len(process.output().strip().splitlines()) == 1
+
+
+def test_the_screen_of_text(graph):
+    pytest.importorskip("rich")
+    rig = Rig(graph)
+    command = [sys.executable, "-m", "friction_estimator", "watch", "--terminal"]
+    with Terminal(command, graph.environment()) as terminal:
+        terminal.await_(lambda screen: "has not predicted anything yet" in screen, "the node")
+        terminal.await_(lambda screen: rig.feed() and "predicted (yellow)" in screen, "signals")
+        terminal.await_(lambda screen: rig.feed() and "learned curve" in screen, "the curve")
+        terminal.await_(lambda screen: rig.feed() and "running error rms" in screen, "the error")
+        assert any(0x2800 < ord(character) < 0x2900 for character in terminal.screen())
+        terminal.press(b"\x03")
+        assert terminal.ended() == 0
+        assert terminal.mode() == terminal.untouched
+        assert "\x1b[?1049l" in terminal.screen()  # back from a screen of its own
+    assert rig.node.stop() == 0
