@@ -22,7 +22,7 @@ setup(
     maintainer_email="friction-estimator@users.noreply.github.com",
     description="Online identification of seal and actuator friction beside the drive, with diagnosis.",
     license="Apache-2.0",
-    extras_require={"page": ["bokeh>=3.4"], "test": ["pytest"]},
+    extras_require={"page": ["bokeh>=3.4"], "terminal": ["rich>=13.7"], "test": ["pytest"]},
     entry_points={
         "console_scripts": [
             f"friction_estimator = {PACKAGE}.cli.main:main",

@@ -25,10 +25,11 @@ needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here: a
 
 
 class Browser:
-    """One tab; use it as a context manager."""
+    """One tab; use it as a context manager. `local` lets it reach servers of this machine."""
 
-    def __init__(self, profile: Path) -> None:
+    def __init__(self, profile: Path, *, local: bool = False) -> None:
         self._profile = profile
+        self._names = "MAP * ~NOTFOUND" + (", EXCLUDE 127.0.0.1" if local else "")
         self._loop = asyncio.new_event_loop()
         self._events: list[dict[str, Any]] = []
         self._number = 0
@@ -39,7 +40,7 @@ class Browser:
         options = ["--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--no-first-run"]
         options += [
             "--disable-background-networking",
-            "--host-resolver-rules=MAP * ~NOTFOUND",
+            f"--host-resolver-rules={self._names}",
             "--disable-dev-shm-usage",
         ]
         options += ["--remote-debugging-port=0", f"--user-data-dir={self._profile}", "about:blank"]

@@ -104,8 +104,12 @@ def test_the_page_shows_what_the_node_predicts_whoever_dies(graph, tmp_path):
         await_(lambda: rig.feed() and "no node" not in browser.js(WORDS), "the next node")
         await_(lambda: f"stamp {force(rig.predicted[-1])[0] / 1e9:.3f}" in browser.js(WORDS), "its samples")
 
-        loud = [line for line in browser.complaints() if "asks for http://127.0.0.1" not in line]
-        assert not [line for line in loud if "favicon" not in line]
+        harmless = (
+            "asks for http://127.0.0.1",
+            "favicon",
+            "could not set initial ranges",
+        )  # the last: nothing to draw yet
+        assert not [line for line in browser.complaints() if not any(words in line for words in harmless)]
         process.stop(signal.SIGKILL)
         await_(lambda: graph.probe.count_subscribers(f"{NODE}/monitor") == 0, "that nobody looks")
         for _ in range(5):

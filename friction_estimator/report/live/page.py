@@ -239,12 +239,9 @@ class _Page:
     def _rename(self, quantities: Quantities) -> None:
         """Write the units of a drive that turned out to be another one."""
         self._quantities = quantities
-        root = self._document.roots[0]
-        for plot, drawn in zip(
-            [child for child in root.children if isinstance(child, Plot)], self._charts(), strict=True
-        ):
-            plot.xaxis.axis_label = drawn.xaxis.axis_label
-            plot.yaxis.axis_label = drawn.yaxis.axis_label
+        labels = _labels(quantities.unit(FORCE), quantities.unit(VELOCITY))
+        for plot, (x, y) in zip(self._plots, labels, strict=True):
+            plot.xaxis.axis_label, plot.yaxis.axis_label = x, y
 
 
 def _labels(force: str, velocity: str) -> list[tuple[str, str]]:
