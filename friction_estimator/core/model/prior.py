@@ -87,7 +87,8 @@ class Prior:
         if model.load.even:
             step = ASYMMETRY_DEVIATION * even_step(model, nonlinear)
             nonlinear = nonlinear + np.outer(step, step)
-        shared, decay = PARALLEL_SHARE * settings.tap_deviation, settings.tap_decay
+        shared = settings.tap_deviation * (PARALLEL_SHARE if theory_taps else 1.0)
+        decay = settings.tap_decay
         covariance = block_diag(
             impulse_response(taps, shared, decay, settings.gain_deviation)
             if theory_taps or load
