@@ -42,6 +42,9 @@ class EstimatorNode(ConfiguredNode):
     config : the parameters without learned values: those are the joint's.
     """
 
+    stopping: Callable[[], bool] = staticmethod(lambda: False)
+    """Whether the node is to end: then it begins no more pieces of what waits, which may last minutes."""
+
     _joint: EstimatedJoint | None = None  # rclpy asks for parameters during construction
 
     def __init__(self, files: Sequence[Path] = ()) -> None:
@@ -97,7 +100,10 @@ class EstimatorNode(ConfiguredNode):
     # --- timers ------------------------------------------------------------------------------------------------
 
     def _work_off(self) -> None:
-        """Predict some of what waited; new samples get in between."""
+        """Predict some of what waited; new samples get in between. Where the node is to end, let it."""
+        if self.stopping():
+            self._working_off.cancel()
+            return
         stream = self.joint.stream
         try:
             stream.work_off()

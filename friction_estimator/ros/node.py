@@ -92,6 +92,7 @@ def spin(node: "EstimatorNode", signals: StopSignals) -> None:
 
     executor = EventsExecutor()
     executor.add_node(node)
+    node.stopping = lambda: signals.stopping
     # Waiting for a future that never comes serves many events in one call; without a time limit it would hang.
     never = Future()
     while not signals.stopping:
