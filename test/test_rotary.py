@@ -107,6 +107,9 @@ def test_the_results_go_on_as_the_same_drive(told):
     assert read_recording(folder / "out" / "bag").motion == motion
     residual = read_recording(folder / "out" / "bag", topics={"friction": "/friction_estimator/residual"})
     assert np.any(residual.streams["friction"].value)
+    again = ["simulate", "--config", str(folder / "out/config.yaml"), "--seconds", "2", "--rate", "50"]
+    assert main([*again, "--out", str(folder / "again")]) == 0
+    assert read_recording(folder / "again").motion == motion
     for name in ("out/config.yaml", "diagnosis/extended.yaml"):
         assert config_of(read_parameters(folder / name), name).input.motion == motion
 

@@ -11,7 +11,7 @@ from friction_estimator.cli.progress import progress
 from friction_estimator.cli.terminal import say_document, warn
 from friction_estimator.core.errors import InputError
 from friction_estimator.core.metrics import nrmse
-from friction_estimator.core.quantities import ROTARY
+from friction_estimator.core.quantities import FORCE, LINEAR, ROTARY, VELOCITY, Quantities
 from friction_estimator.core.sample import Bools, Floats
 from friction_estimator.core.settings.config import Config
 from friction_estimator.documents.configuration import read_config
@@ -145,15 +145,17 @@ def _run(args: argparse.Namespace, output: common.Output, storage: str) -> int:
     config = read_config(args.config) if args.config else Config()
     scenario = scenario_from(args, config)
     run_ = simulate(scenario, _identified(args, config, scenario))
+    learned = bool(config.learned.wavelet_weights)
+    quantities = config.quantities if learned else Quantities(PLANTS[scenario.plant].motion)
     _warn_outside(config, run_)
     with (
         progress("writing", unit="messages") as advance,
         output.part() as part,
         written(part, storage, advance) as writer,
     ):
-        add_recording(writer, run_)
-    summary = summarise(args.out, run_, "identified" if config.learned.wavelet_weights else scenario.plant)
-    _tell(output, run_, summary)
+        add_recording(writer, run_, quantities.motion if learned else LINEAR)
+    summary = summarise(args.out, run_, "identified" if learned else scenario.plant)
+    _tell(output, run_, summary, quantities)
     output.result(summary)
     return 0
 
@@ -211,7 +213,8 @@ def _warn_outside(config: Config, run_: Simulation) -> None:
     velocity = run_.samples.velocity_m_s
     outside = np.count_nonzero((velocity < low) | (velocity > high))
     if outside:
-        warn(f"{outside} samples lie outside the learned velocities [{low:g}, {high:g}] m/s: g is held there")
+        told = config.quantities.range_text((low, high), VELOCITY, "g")
+        warn(f"{outside} samples lie outside the learned velocities {told}: g is held there")
 
 
 def _segments(args: argparse.Namespace) -> tuple[Segment, ...]:
@@ -226,11 +229,12 @@ def _segments(args: argparse.Namespace) -> tuple[Segment, ...]:
     return (segment(period, pressure, CONDITION_SECONDS if args.seconds is None else args.seconds),)
 
 
-def add_recording(writer: RecordingWriter, run_: Simulation) -> None:
+def add_recording(writer: RecordingWriter, run_: Simulation, motion: str = LINEAR) -> None:
     """Add what the sensors of a simulated run show to a recording, on the default topics.
 
     Header stamps are the sensors' (faults of their clocks included), the time of recording is the true one. Pressure
-    and temperature are sent when they change and at least every 0.1 s: held values are exact.
+    and temperature are sent when they change and at least every 0.1 s: held values are exact. A rotary plant is written
+    as a joint, and a learned model of a rotary `motion` as what it was learned from, angular velocity and torque.
     """
     samples, scenario = run_.samples, run_.scenario
     true_ns = stamps(len(samples), scenario.rate_hz, scenario.start_ns)
@@ -255,7 +259,14 @@ def add_recording(writer: RecordingWriter, run_: Simulation) -> None:
         stamp_ns = run_.friction_stamp_ns if name == "friction" else samples.stamp_ns
         topic, kind = TOPICS[name]
         writer.add_stream(
-            topic, kind, stamp_ns[sent], value[sent], quantity=name, log_time_ns=true_ns[sent], frame_id="rig"
+            topic,
+            kind,
+            stamp_ns[sent],
+            value[sent],
+            quantity=name,
+            log_time_ns=true_ns[sent],
+            frame_id="rig",
+            motion=motion,
         )
 
 
@@ -300,14 +311,16 @@ def summarise(bag: str, run_: Simulation, plant: str) -> dict[str, Any]:
     }
 
 
-def _tell(output: common.Output, run_: Simulation, summary: dict[str, Any]) -> None:
+def _tell(output: common.Output, run_: Simulation, summary: dict[str, Any], quantities: Quantities) -> None:
     scenario, truth = run_.scenario, summary["truth"]
     for part in scenario.segments:
         output.say(
             f"{'segment':<12}{part.cycles} cycles of {part.period_s:g} s, {part.profile}, "
             f"{part.pressure_Pa / PA_PER_PSI:g} psi gauge ({part.pressure_Pa:.6g} Pa)"
         )
-    output.say(f"{'friction':<12}{truth['clean_friction_rms_N']:.4g} N rms, noise {truth['noise_rms_N']:.3g} N rms")
+    clean = quantities.text(truth["clean_friction_rms_N"], FORCE)
+    noise = quantities.text(truth["noise_rms_N"], FORCE, ".3g")
+    output.say(f"{'friction':<12}{clean} rms, noise {noise} rms")
     output.say(f"{'theory':<12}{truth['theory_nrmse']:.3f} of the std of the clean friction is its error")
     for effect in truth["effects"]:
         output.say(f"{'effect':<12}{effect['spec']}, changes the friction by {effect['size']:.4f} of its rms")
