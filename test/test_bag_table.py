@@ -7,10 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
 
-from friction_estimator.bag.columns import Term
 from friction_estimator.bag.read import read_recording
 from friction_estimator.bag.samples import to_samples
-from friction_estimator.bag.table import GAP_PERIODS, RESTART_GAP_S, TableSpec, read_table
+from friction_estimator.bag.expression import Expression
+from friction_estimator.bag.table import read_table
+from friction_estimator.bag.table_map import GAP_PERIODS, RESTART_GAP_S, TableSpec
 from friction_estimator.bag.write import write_samples
 from friction_estimator.core.errors import FrictionEstimatorError, InputError, UnanswerableError
 from friction_estimator.core.sample import NS_PER_S
@@ -103,7 +104,11 @@ def test_separators_are_found_and_words_and_blanks_survive(tmp_path, separator):
         ("run.csv", b"t,v,force\n0,1,2\n", "no column 'f'; "),
         ("run.csv", b"t,vel,f\n0,1,2\n", "no column 'v'; columns: t, vel, f"),
         ("run.csv", b"t,v,f\n0,1,2\n1,fast,2\n2,quick,3\n", "column v: row 2 (the header not counted) holds 'fast'"),
-        ("run.csv", b"t;v;f\n0;0,5;2\n", "holds '0,5', no number; write numbers with a decimal point"),
+        (
+            "run.csv",
+            b"t;v;f\n0;0,5;2.5\n",
+            "holds '0,5', no number; write all numbers with a decimal point or all with",
+        ),
         (
             "run.csv",
             b"t,v,f\n0,,2\n1,2,\n,2,3\n",
@@ -151,8 +156,9 @@ def test_a_reader_that_is_not_installed_is_named_with_its_remedy(tmp_path, monke
     ("inputs", "words"),
     [
         ({"velocity": "v"}, "the map has no friction: give velocity=COLUMN,friction=COLUMN"),
-        ({"velocity": "v", "friction": "f", "presure": "p"}, "unknown input 'presure' in the map"),
-        ({"velocity": "v*0", "friction": "f"}, "a factor of zero leaves nothing of column v"),
+        ({"friction": "f"}, "the map has no velocity: give velocity=COLUMN, or velocity=d(COLUMN) of a position"),
+        ({"velocity": "v", "friction": "f", "presure": "p"}, "unknown input 'presure' in the map; nearest: pressure"),
+        ({"velocity": "v*0", "friction": "f"}, "--map velocity: v*0: a factor of zero leaves nothing of v"),
     ],
 )
 def test_a_map_that_makes_no_sense_is_refused(tmp_path, inputs, words):
@@ -162,20 +168,27 @@ def test_a_map_that_makes_no_sense_is_refused(tmp_path, inputs, words):
     assert words in str(caught.value)
 
 
-# Scale and offset
+# Names of columns
 
 names = st.text("abv_[]/ .-+*12", min_size=1, max_size=8).map(str.strip).filter(bool)
+plain_names = names.filter(lambda name: name[0] in "abv_")
 factors = st.floats(1e-6, 1e6) | st.floats(-1e6, -1e-6)
 
 
 @settings(derandomize=True)
-@given(names, factors, st.floats(-1e9, 1e9))
+@given(plain_names, factors, st.floats(-1e9, 1e9))
 def test_scale_and_offset_are_read_whatever_the_column_is_called(name, scale, offset):
     text = f"{name}*{scale!r}{'+' if offset >= 0 else '-'}{abs(offset)!r}"
-    term = Term.parse(text, [name])
-    assert (term.column, term.scale, abs(term.offset)) == (name, scale, abs(offset))
-    assert term.offset * offset >= 0
-    assert Term.parse(name, [name]) == Term(name)
+    found = Expression.parse(text, [name])
+    assert found.columns == (name,)
+    assert found.value({name: np.array([3.0])}.__getitem__).data[0] == 3.0 * scale + offset
+
+
+@settings(derandomize=True)
+@given(names)
+def test_a_column_s_whole_name_and_its_name_in_quotes_are_the_column(name):
+    for text in (name, f"'{name}'", f'"{name}"*2'):
+        assert Expression.parse(text, [name, "other"]).columns == (name,)
 
 
 # Rows

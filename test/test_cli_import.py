@@ -58,7 +58,7 @@ def test_a_table_becomes_a_recording(tmp_path, table, capsys, storage):
     ("words", "message"),
     [
         (["--map", "velocity=v_mm_s"], "the map has no friction"),
-        (["--map", "velocity=v_mm_s,friction"], "--map friction: write INPUT=COLUMN"),
+        (["--map", "velocity=v_mm_s,friction"], "--map friction: write INPUT=EXPRESSION"),
         (["--map", "velocity=v_mm_s", "--map", "velocity=F_N"], "velocity is mapped twice"),
         (["--map", "velocity=v_mms,friction=F_N"], "no column 'v_mms'; nearest: v_mm_s"),
         (["--map", MAP, "--where", "seal"], "--where seal: write COLUMN=VALUE"),

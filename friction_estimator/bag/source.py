@@ -18,6 +18,7 @@ from rosbags.rosbag2.storage_mcap import DECOMPRESSORS as UNPACKERS2
 
 from friction_estimator.bag import mcap
 from friction_estimator.bag.budget import unpack
+from friction_estimator.bag.lfs import check_no_pointer
 from friction_estimator.bag.mcap import Batch
 from friction_estimator.bag.prepared import prepared
 from friction_estimator.core.errors import FrictionEstimatorError, InputError
@@ -27,6 +28,9 @@ BATCH = 8192
 """Messages handed on at a time: bounds the memory of a pass over a recording."""
 
 STORAGE_SUFFIXES = (".mcap", ".db3", ".bag")
+_PARTS = (*STORAGE_SUFFIXES, ".zstd", ".yaml")
+"""Endings of the files in the folder of a recording."""
+
 TABLE_SUFFIXES = (".csv", ".mat", ".npz", ".parquet")
 
 _EXPECTED = "expected a folder with metadata.yaml, or an .mcap, .db3 or .bag file"
@@ -178,6 +182,8 @@ def _check_kind(path: Path) -> None:
     """Raise InputError where `path` cannot be a recording."""
     if not path.exists():
         raise InputError(f"{path}: no such file or folder; {_EXPECTED}")
+    for file in (item for item in path.iterdir() if item.suffix in _PARTS) if path.is_dir() else (path,):
+        check_no_pointer(file)
     if path.is_dir():
         if not (path / "metadata.yaml").exists():
             parts = sorted(item.name for item in path.iterdir() if item.suffix in STORAGE_SUFFIXES)

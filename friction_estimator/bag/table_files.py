@@ -6,6 +6,7 @@ table at once has a budget (`budget.TABLE_BYTES`); columns that nobody wants cos
 
 import csv
 import math
+import re
 import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from friction_estimator.bag import apart
 from friction_estimator.bag.budget import TooLargeError, check_table
 from friction_estimator.bag.columns import Columns, TableFile
+from friction_estimator.bag.lfs import check_no_pointer
 from friction_estimator.core.errors import FrictionEstimatorError, InputError
 
 _HEADER_BYTES = 1 << 20
@@ -26,6 +28,14 @@ _HEADER_BYTES = 1 << 20
 
 _CELLS = 1 << 20
 """Cells of a CSV file that are taken apart at a time."""
+
+
+_LOOKED_AT = 1000
+"""Rows of a CSV file by which a decimal comma is known."""
+
+_COMMA = re.compile(r"[-+]?\d{1,3}(\.\d{3})*,\d*([eE][-+]?\d+)?|[-+]?\d*,\d+([eE][-+]?\d+)?")
+_POINT = re.compile(r"[-+]?(\d+\.\d*|\.\d+)([eE][-+]?\d+)?")
+_THOUSANDS = re.compile(r"[-+]?\d{1,3}(\.\d{3})+")
 
 
 @contextmanager
@@ -47,6 +57,7 @@ def open_table(path: Path) -> Iterator[TableFile]:
         raise InputError(f"{path}: no such file")
     if not path.is_file():
         raise InputError(f"{path} is no file: give a table ({', '.join(_OPENERS)})")
+    check_no_pointer(path)
     try:
         with opener(path) as table:
             yield table
@@ -70,23 +81,22 @@ class _Csv:
     def __init__(self, path: Path) -> None:
         import pandas as pd  # noqa: PLC0415 - slow to import, optional at run time
 
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            header, first = file.readline(_HEADER_BYTES), file.readline(_HEADER_BYTES)
+        encoding = _encoding(path)
+        with path.open(encoding=encoding, newline="") as file:
+            header = file.readline(_HEADER_BYTES)
+            lines = [line for _ in range(_LOOKED_AT) if (line := file.readline(_HEADER_BYTES))]
         if not header.strip():
             raise InputError(f"{path} has no header line: the first line must name the columns")
         if len(header) == _HEADER_BYTES:
             raise InputError(f"{path} has a first line of more than {_HEADER_BYTES} characters: is it a CSV table?")
-        try:
-            separator = csv.Sniffer().sniff(header, ",;\t|").delimiter
-        except csv.Error:
-            separator = ","
+        separator = _separator(header, lines[:1])
         # Where the first row has more cells than the header, pandas would take the first ones for the names of rows.
-        named, found = (len(next(csv.reader([line], delimiter=separator), [])) for line in (header, first))
-        if found > named:
-            raise InputError(f"{path}: its rows hold {found} cells and the header names {named}: name every column")
+        named, *found = (len(row) for row in csv.reader([header, *lines[:1]], delimiter=separator))
+        if found and found[0] > named:
+            raise InputError(f"{path}: its rows hold {found[0]} cells and the header names {named}: name every column")
         self._read: Callable[..., Any] = pd.read_csv
         self._options: dict[str, Any] = {"filepath_or_buffer": path, "sep": separator, "skipinitialspace": True}
-        self._options |= {"encoding": "utf-8-sig", "compression": None}
+        self._options |= {"encoding": encoding, "compression": None, **_decimal_comma(lines, separator)}
         self._columns = list(self._read(**self._options, nrows=0).columns)
         self.names = [str(name).strip() for name in self._columns]
 
@@ -103,6 +113,43 @@ class _Csv:
                 check_table(size)
                 parts.append(chunk)
         return {name: _joined([part[self._columns[k]].to_numpy() for part in parts]) for name, k in places.items()}
+
+
+def _encoding(path: Path) -> str:
+    """Return the encoding of a table, by its header: UTF-8, else what spreadsheets on Windows write."""
+    with path.open("rb") as file:
+        header = file.readline(_HEADER_BYTES)
+    if header.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "utf-16"
+    try:
+        header.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8-sig"
+
+
+def _separator(header: str, rows: Sequence[str]) -> str:
+    """Return what separates the cells: what gives the first row as many as the header."""
+    for separator in ";\t|,":
+        named, *found = (len(row) for row in csv.reader([header, *rows], delimiter=separator))
+        if named > 1 and all(count == named for count in found):
+            return separator
+    try:
+        return csv.Sniffer().sniff(header, ",;\t|").delimiter
+    except csv.Error:
+        return ","
+
+
+def _decimal_comma(lines: Sequence[str], separator: str) -> dict[str, str]:
+    """Return pandas' options for numbers such as 0,5 or 1.234,5; none where a point stands for the comma anywhere."""
+    if separator == ",":
+        return {}
+    cells = [cell.strip() for row in csv.reader(lines, delimiter=separator) for cell in row]
+    comma = [cell for cell in cells if _COMMA.fullmatch(cell)]
+    point = [cell for cell in cells if _POINT.fullmatch(cell) and not _THOUSANDS.fullmatch(cell)]
+    if not comma or point:
+        return {}
+    return {"decimal": ",", "thousands": "."} if any("." in cell for cell in comma) else {"decimal": ","}
 
 
 def _joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:

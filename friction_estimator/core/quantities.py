@@ -20,6 +20,9 @@ LINEAR, ROTARY = "linear", "rotary"
 VELOCITY, FORCE, POSITION, ACCELERATION = "m/s", "N", "m", "m/s2"
 """The unit of each on a linear drive, by which the true one is asked for."""
 
+PRESSURE, TEMPERATURE, TIME = "Pa", "degC", "s"
+"""The units of what is no motion, in which it is recorded."""
+
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "in": 0.0254, "ft": 0.3048}
 _ANGLES = {
     "rad": 1.0,
@@ -29,7 +32,24 @@ _ANGLES = {
     "rev": 2.0 * math.pi,
 }
 _FORCES = {"N": 1.0, "uN": 1e-6, "mN": 1e-3, "kN": 1e3, "MN": 1e6, "lbf": 4.4482216152605, "kgf": 9.80665}
-_TIMES = {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0}
+_TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
+_PRESSURES = {
+    "Pa": 1.0,
+    "hPa": 1e2,
+    "kPa": 1e3,
+    "MPa": 1e6,
+    "mbar": 1e2,
+    "bar": 1e5,
+    "psi": 6894.757293168361,
+    "atm": 101325.0,
+}
+_TEMPERATURES = {
+    "degC": (1.0, 0.0),
+    "C": (1.0, 0.0),
+    "K": (1.0, -273.15),
+    "degF": (5.0 / 9.0, -160.0 / 9.0),
+    "F": (5.0 / 9.0, -160.0 / 9.0),
+}
 _SPELT = {"µ": "u", "μ": "u", "°": "deg", "·": " ", "*": " ", "²": "2", "^": "", "rpm": "rev/min"}
 _TORQUE = re.compile(rf"({'|'.join(_FORCES)})[ .-]?({'|'.join(_LENGTHS)})|({'|'.join(_LENGTHS)})[ .-]?lbf")
 _MEANT = re.compile(r"\{(?:(force|mass)|([^{} ]+) \|([^{}|]+)\|([^{}|]+))\}")
@@ -48,6 +68,7 @@ class Unit:
         `ACCELERATION` and `FORCE`.
     motion : `LINEAR` or `ROTARY`.
     base : the unit of position in a velocity or acceleration.
+    zero : what 0 of it is in SI units (degC for a temperature).
     """
 
     symbol: str
@@ -55,6 +76,7 @@ class Unit:
     quantity: str
     motion: str
     base: "Unit | None" = None
+    zero: float = 0.0
 
 
 def unit_named(text: str) -> Unit:
@@ -111,6 +133,27 @@ def either(linear: str) -> str:
     ('m/s or rad/s', 'Pa')
     """
     return " or ".join(dict.fromkeys(Quantities(motion).unit(linear) for motion in (LINEAR, ROTARY)))
+
+
+def channel_unit(text: str) -> Unit:
+    """Return the unit of this name of whatever is recorded: pressure, temperature and time too.
+
+    The motion of these is empty: they say nothing of it.
+
+    >>> channel_unit("bar").factor, round(channel_unit("degF").zero, 3), channel_unit("deg/s").motion
+    (100000.0, -17.778, 'rotary')
+
+    Raises ConfigError where there is none.
+    """
+    name = text.strip().replace("°", "deg").replace("µ", "u").replace("μ", "u")
+    if name in _PRESSURES:
+        return Unit(name, _PRESSURES[name], PRESSURE, "")
+    if name in _TEMPERATURES:
+        factor, zero = _TEMPERATURES[name]
+        return Unit(name, factor, TEMPERATURE, "", zero=zero)
+    if name in _TIMES:
+        return Unit(name, _TIMES[name], TIME, "")
+    return unit_named(text)
 
 
 @dataclass(frozen=True)
