@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
 
+from friction_estimator.bag.expression import Expression
 from friction_estimator.bag.read import read_recording
 from friction_estimator.bag.samples import to_samples
-from friction_estimator.bag.expression import Expression
 from friction_estimator.bag.table import read_table
 from friction_estimator.bag.table_map import GAP_PERIODS, RESTART_GAP_S, TableSpec
 from friction_estimator.bag.write import write_samples

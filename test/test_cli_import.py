@@ -1,8 +1,11 @@
 """`import`: a table becomes a recording, and the words say what was left out."""
 
 import json
+import shlex
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from friction_estimator.bag.read import read_recording
@@ -87,3 +90,122 @@ def test_unlikely_units_are_doubted_on_stderr(tmp_path, table, capsys):
     words = ["--out", str(tmp_path / "bag"), "--time", "t_ms*1e-3", "--map", "velocity=v_mm_s,friction=F_N"]
     assert run(table, *words) == 0
     assert "warning: velocity reaches 50 m/s" in capsys.readouterr().err
+
+
+# The documented commands
+
+
+def documented():
+    page = (Path(__file__).parents[1] / "docs" / "import.md").read_text()
+    block = page.split("```sh\n")[1].split("```")[0]
+    return [line for line in block.splitlines() if line.startswith("friction_estimator import")]
+
+
+def tables(folder):
+    """Write the tables that the documented commands read."""
+    t = np.arange(2000) / 1000.0
+    position, velocity, friction = 0.02 * np.sin(6 * t), 0.12 * np.cos(6 * t), 5.0 * np.sign(np.cos(6 * t))
+    columns = {"t_ms": 1e3 * t, "v_mm_s": 1e3 * velocity, "F_N": friction, "p_bar": 3.0 + t}
+    pd.DataFrame(columns).to_csv(folder / "rig.csv", index=False)
+    q = np.degrees(np.round(position * 1000 * 4096) / 4096)
+    acceleration = -0.72 * 1000 * np.sin(6 * t)
+    effort = friction + 0.0189 * acceleration + 1.2 * np.sin(np.radians(q))
+    pd.DataFrame({"t": t, "q": q, "acc": acceleration, "tau": effort}).to_csv(folder / "arm.csv", index=False)
+    german = pd.DataFrame({"Zeit [ms]": 1e3 * t, "Weg [mm]": 1e3 * position, "Kraft (kN)": 1e-3 * friction})
+    german.to_csv(folder / "axis.csv", index=False, sep=";", decimal=",", encoding="cp1252")
+    return {"rig.csv": (velocity, friction), "arm.csv": (1000 * velocity, friction), "axis.csv": (velocity, friction)}
+
+
+@pytest.mark.parametrize("command", documented())
+def test_a_documented_command_does_what_it_says(tmp_path, monkeypatch, command):
+    true = tables(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    words = shlex.split(command)
+    assert main(words[1:]) == 0
+    velocity, friction = true[words[2]]
+    admitted = to_samples(read_recording(words[words.index("--out") + 1]), Config()).samples
+    every = 2 if "--rate" in words else 1
+    assert len(admitted) == 2000 // every
+    middle = slice(100 // every, -100 // every)
+    np.testing.assert_allclose(admitted.velocity_m_s[middle], velocity[::every][middle], atol=0.01 * velocity.max())
+    if every == 1:
+        np.testing.assert_allclose(admitted.friction_N, friction, atol=0.01)
+
+
+@pytest.mark.parametrize("name", ["rig.csv", "rig.npz", "rig.mat", "rig.parquet"])
+def test_a_git_lfs_pointer_is_named(tmp_path, capsys, name):
+    (tmp_path / name).write_text("version https://git-lfs.github.com/spec/v1\noid sha256:4d\nsize 2873394\n")
+    assert (
+        run(str(tmp_path / name), "--out", str(tmp_path / "bag"), "--time", "t", "--map", "velocity=v,friction=f") == 2
+    )
+    said = capsys.readouterr().err
+    assert "not the file itself, which has 2873394 bytes: run `git lfs pull`" in said
+
+
+@pytest.mark.parametrize("name", ["a.mcap", "a.db3", "a.bag", "folder/a.mcap", "folder/metadata.yaml"])
+def test_a_recording_that_is_a_git_lfs_pointer_is_named(tmp_path, capsys, name):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "metadata.yaml").write_text("rosbag2_bagfile_information: {}\n")
+    (tmp_path / name).write_text("version https://git-lfs.github.com/spec/v1\noid sha256:4d\nsize 2873394\n")
+    target = tmp_path / name.split("/")[0]
+    assert main(["info", str(target)]) == 2
+    assert "is a Git LFS pointer" in capsys.readouterr().err
+
+
+def write(path, text, encoding="utf-8"):
+    path.write_bytes(text.encode(encoding))
+    return str(path)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252", "utf-16"])
+def test_tables_as_spreadsheets_write_them(tmp_path, encoding):
+    rows = "".join(f"{k};{k / 2};{1000.5 + k}\n".replace(".", ",") for k in range(50))
+    path = write(tmp_path / "rig.csv", "Zeit [s];Geschw. [mm/s];Kraft [N] für µ\n" + rows, encoding)
+    words = ["--time", "Zeit", "--map", "velocity=Geschw.,friction=Kraft [N] für µ"]
+    assert run(path, "--out", str(tmp_path / "bag"), *words) == 0
+    samples = to_samples(read_recording(tmp_path / "bag"), Config()).samples
+    np.testing.assert_allclose(samples.velocity_m_s, 0.5e-3 * np.arange(50))
+    np.testing.assert_allclose(samples.friction_N, 1000.5 + np.arange(50))
+
+
+def test_thousands_and_decimal_commas(tmp_path):
+    path = write(tmp_path / "rig.csv", "t;v;f\n0;0,5;1.234,5\n1;0,25;-2.000,0\n2;1;3\n")
+    assert run(path, "--out", str(tmp_path / "bag"), "--time", "t", "--map", "velocity=v,friction=f") == 0
+    samples = to_samples(read_recording(tmp_path / "bag"), Config()).samples
+    assert samples.velocity_m_s.tolist() == [0.5, 0.25, 1.0]
+    assert samples.friction_N.tolist() == [1234.5, -2000.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--map", "velocity=v_mm_s,friction=F_N*"], "--map friction: F_N*: cannot be read"),
+        (["--map", "velocity=sinn(v_mm_s),friction=F_N"], "no function 'sinn'; nearest: sin"),
+        (["--map", "velocity=v_mm_s/0,friction=F_N"], "a division by zero leaves nothing of v_mm_s"),
+        (["--map", "velocity=velocity,friction=F_N"], "--map velocity: no column 'velocity'"),
+        (
+            ["--map", "velocity=d(position),position=velocity*2,friction=F_N"],
+            "velocity refers to itself: velocity -> pos",
+        ),
+        (["--map", "velocity=v_mm_s[N],friction=F_N"], "--map velocity=v_mm_s[N] is a linear force, where velocity"),
+        (["--map", "velocity=v_mm_s[deg/s],friction=F_N[N]"], "velocity is a rotary velocity and friction is a linear"),
+        (["--map", "velocity=3,friction=F_N"], "--map velocity=3 names no column"),
+        (["--map", "friction=F_N"], "the map has no velocity: give velocity=COLUMN, or velocity=d(COLUMN)"),
+        (["--map", MAP, "--rate", "-5"], "--rate -5: the samples can be given at at most"),
+    ],
+)
+def test_a_wrong_expression_is_answered_in_one_line(tmp_path, table, capsys, words, message):
+    assert run(table, "--out", str(tmp_path / "bag"), "--time", "t_ms*1e-3", *words) == 2
+    printed = capsys.readouterr()
+    assert len(printed.err.splitlines()) == 1
+    assert table in printed.err
+    assert message in printed.err
+
+
+def test_what_has_no_answer_is_missing(tmp_path, capsys):
+    path = write(tmp_path / "rig.csv", "t,v,f,g\n0,1,4,1\n1,1,4,0\n2,1,-4,1\n3,1,9,1\n4,1,0,0\n")
+    words = ["--time", "t", "--map", "velocity=v,friction=sqrt(f)/g"]
+    assert run(path, "--out", str(tmp_path / "bag"), *words) == 0
+    assert "missing samples (rows left out): 2 empty friction, 1 infinite friction" in capsys.readouterr().out
+    samples = to_samples(read_recording(tmp_path / "bag"), Config()).samples
+    assert samples.friction_N.tolist() == [2.0, 3.0]

@@ -1,5 +1,7 @@
 """Arithmetic over columns: what it comes to, and that nothing else can be spelt."""
 
+from contextlib import suppress
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -174,11 +176,8 @@ def test_other_inputs_by_their_names():
 @settings(derandomize=True, max_examples=300, deadline=None)
 @given(st.text("taucqv0123.eE+-*/()[],'\" \n_é", max_size=30) | st.text(max_size=20))
 def test_any_text_is_a_value_or_one_line(text):
-    try:
-        found = Expression.parse(text, COLUMNS)
-        found.value(COLUMNS.__getitem__, derivative=np.gradient)
-    except InputError as error:
-        assert str(error)
+    with suppress(InputError):  # nothing else may come
+        Expression.parse(text, COLUMNS).value(COLUMNS.__getitem__, derivative=np.gradient)
 
 
 def test_every_function_is_numpy_s_on_arrays():

@@ -1,4 +1,4 @@
-"""Samples at another rate: low-passed without delay, then read on an even grid by a cubic spline; never across a gap."""
+"""Samples at another rate: low-passed without delay, then read on an even grid by a spline; never across a gap."""
 
 import math
 from itertools import pairwise

@@ -118,7 +118,7 @@ class MappedRows:
         return values, _motion({name: value.kind for name, value in found.items()})
 
     def _rate(self, time_s: Floats, values: Floats) -> Floats:
-        """Return the derivative of values by time, (n,): of the rows that stay, later than all before in their piece."""
+        """Return the derivative of values by time, (n,): of the rows that are later than all before in their piece."""
         out = np.full(values.size, np.nan)
         rows = np.flatnonzero(np.abs(time_s) < LATEST_S)
         if not rows.size:
