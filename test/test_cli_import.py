@@ -209,3 +209,24 @@ def test_what_has_no_answer_is_missing(tmp_path, capsys):
     assert "missing samples (rows left out): 2 empty friction, 1 infinite friction" in capsys.readouterr().out
     samples = to_samples(read_recording(tmp_path / "bag"), Config()).samples
     assert samples.friction_N.tolist() == [2.0, 3.0]
+
+
+def test_units_of_rotation_make_the_recording_rotary(tmp_path, capsys):
+    """Degrees, or rpm in the header: angular velocity and torque are written, and read again without configuration."""
+    t = np.arange(400) / 100.0
+    columns = {
+        "t": t,
+        "q": np.degrees(np.sin(t)),
+        "n [rpm]": np.cos(t) * 60 / (2 * np.pi),
+        "tau": 1e3 * np.sign(np.cos(t)),
+    }
+    pd.DataFrame(columns).to_csv(tmp_path / "arm.csv", index=False)
+    words = ["--time", "t", "--map", "velocity=n,position=q[deg],friction=tau[mN m]"]
+    assert run(str(tmp_path / "arm.csv"), "--out", str(tmp_path / "bag"), *words) == 0
+    assert "rotary drive: rad/s, N m and rad are written" in capsys.readouterr().out
+    recording = read_recording(tmp_path / "bag")
+    assert recording.motion == "rotary"
+    samples = to_samples(recording, Config()).samples
+    np.testing.assert_allclose(samples.velocity_m_s, np.cos(t), atol=1e-12)
+    np.testing.assert_allclose(samples.friction_N, np.sign(np.cos(t)))
+    np.testing.assert_allclose(samples.position_m, np.sin(t), atol=1e-12)

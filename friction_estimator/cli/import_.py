@@ -7,6 +7,7 @@ from friction_estimator.cli.common import Output, Subparsers, add_json_option, a
 from friction_estimator.cli.progress import progress
 from friction_estimator.cli.terminal import warn
 from friction_estimator.core.errors import InputError
+from friction_estimator.core.quantities import ROTARY
 
 SCHEMA = "friction_estimator/import/1"
 
@@ -92,7 +93,7 @@ def _run(args: argparse.Namespace, output: Output, storage: str) -> int:
         output.part() as part,
         written(part, storage, advance) as writer,
     ):
-        add_samples(writer, samples)
+        add_samples(writer, samples, motion=report.motion)
     duration_s = samples.duration_s
     output.say(
         f"{args.out}: {len(samples)} samples, {duration_s:.6g} s, {samples.sample_rate_hz:.6g} Hz, "
@@ -100,6 +101,8 @@ def _run(args: argparse.Namespace, output: Output, storage: str) -> int:
     )
     for name, unit in report.units.items():
         output.say(f"column {name} is read as {unit}, by its name")
+    if report.motion == ROTARY:
+        output.say("the units are those of a rotary drive: rad/s, N m and rad are written")
     left_out = {f"empty {name}": count for name, count in report.missing.items()}
     left_out |= {f"infinite {name}": count for name, count in report.infinite.items()}
     left_out |= {"duplicate time": report.duplicate, "backward time": report.backward}
