@@ -106,7 +106,7 @@ def _run(args: argparse.Namespace, output: common.Output) -> int:
         try:
             with about(args.bag):
                 admitted = to_samples(recording, config)
-                result["pairing"] = _pairing(admitted)
+                result["pairing"] = _pairing(admitted, quantities.si.position)
                 result["excitation"], can, cannot = _assess(admitted, config)
                 said = {"notes": (result["excitation"] or {}).get("notes", []), "can": can, "cannot": cannot}
                 worded = {title: [quantities.si.worded(text) for text in texts] for title, texts in said.items()}
@@ -140,7 +140,7 @@ def _input(name: str, stream: "Stream", figures: "StreamStatistics", quantities:
     return facts | {"frame_id": stream.frame_id, "joint": stream.joint} | asdict(figures)
 
 
-def _pairing(admitted: "Admitted") -> dict[str, Any]:
+def _pairing(admitted: "Admitted", unit: str) -> dict[str, Any]:
     return {
         "read": admitted.read,
         "used": len(admitted.samples),
@@ -149,6 +149,7 @@ def _pairing(admitted: "Admitted") -> dict[str, Any]:
         "clock_jumps": admitted.jumps,
         "position_wraps": admitted.wraps.count,
         "position_modulus": admitted.wraps.modulus_m or None,
+        "velocity_from_position": None if admitted.tracker is None else admitted.tracker.words(unit),
         "sample_rate_hz": admitted.samples.sample_rate_hz,
         "duration_s": admitted.samples.duration_s,
     }
@@ -241,6 +242,8 @@ def _tell(output: common.Output, result: dict[str, Any], said: dict[str, list[st
         f"  {pairing['used']} used of {pairing['read']}, {pairing['sample_rate_hz']:.5g} Hz, "
         f"{pairing['duration_s']:.5g} s" + (f"; refused: {refused}" if refused else "")
     )
+    if pairing["velocity_from_position"]:
+        output.say(f"  velocity from the position: {pairing['velocity_from_position']}")
     output.say(f"  {pairing['gaps']} gaps, {pairing['clock_jumps']} backward jumps of the clock")
     facts = result.get("excitation")
     if facts:

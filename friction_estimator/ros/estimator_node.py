@@ -119,6 +119,7 @@ class EstimatorNode(ConfiguredNode):
         try:
             with self.health.load.other_work():
                 curve = self.joint.look()
+                self._inputs.expect(positions=self.joint.stream.intake.pairer.tracks)
                 self.health.tick(self.config, self._inputs, self.joint, self._enabled, curve)
         except Exception as error:
             self.health.exception("diagnostics", error)

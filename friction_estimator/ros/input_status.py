@@ -37,6 +37,7 @@ class InputStatus:
     """
 
     def __init__(self, node: Node) -> None:
+        self._told_of_tracking = False
         self._node = node
         self.samples = 0
         self._stood_still = 0
@@ -84,6 +85,12 @@ class InputStatus:
             values["stamp offset of friction from velocity (s)"] = f"{offset:.9f}"
         if config.input.mode == "float64":
             values["stamps"] = "missing: paired by time of receipt, no bit equality with replay"
+        tracker = stream.intake.pairer.tracker
+        if stream.intake.pairer.tracks and tracker.told:
+            values["velocity"] = f"from the position: {tracker.words(config.quantities.position)}"
+            if not self._told_of_tracking:
+                self._told_of_tracking = True
+                self._node.get_logger().info(f"velocity {values['velocity']}")
         if config.input.mode == "joint_state":
             terms = ", ".join(config.load.terms)
             beside = f"load.terms: {terms}" if terms else "inertia and gravity included (load.terms takes them off)"

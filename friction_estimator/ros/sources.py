@@ -277,6 +277,15 @@ class Inputs:
         self._open()
         self._read_what_waited()
 
+    def expect(self, *, positions: bool) -> None:
+        """Expect positions where a velocity of its own topic was expected, or that again (`Pairer.tracks`)."""
+        if self._config.mode != "stamped":
+            return
+        velocity, position = self.sources["velocity"], self.sources["position"]
+        wanted = self._config.velocity_from == "position"
+        position.required = positions and (wanted or (position.messages > 0 and not velocity.messages))
+        velocity.required = not position.required
+
     @property
     def depth(self) -> int:
         """Messages that the queue of a required input holds."""
@@ -340,9 +349,26 @@ class Inputs:
         read_position = self._decoder(JointState, "position").one
         deliver, remember = self._deliver, source.stamps.append
 
+        velocity_from = self._config.velocity_from
+
+        def velocity_in(raw: bytes) -> float | None:
+            """Return the velocity; None where the position is to stand for it, and is there."""
+            if velocity_from != "position":
+                try:
+                    return read_velocity(raw)[1]
+                except NoValueError:
+                    if velocity_from == "topic":
+                        raise
+                    with suppress(NoValueError):
+                        read_position(raw)
+                        return None
+                    raise
+            read_position(raw)
+            return None
+
         def receive(raw: bytes) -> None:
-            stamp_ns, velocity = read_velocity(raw)
-            _, effort = read_effort(raw)
+            velocity = velocity_in(raw)
+            stamp_ns, effort = read_effort(raw)
             frame = frame_in(raw)
             if frame != source.frame:
                 source.seen(frame)
@@ -351,7 +377,8 @@ class Inputs:
             remember(stamp_ns)  # type: ignore[arg-type]
             with suppress(NoValueError):
                 deliver(POSITION, stamp_ns, read_position(raw)[1])  # type: ignore[arg-type]
-            deliver(VELOCITY, stamp_ns, velocity)  # type: ignore[arg-type]
+            if velocity is not None:
+                deliver(VELOCITY, stamp_ns, velocity)  # type: ignore[arg-type]
             deliver(FRICTION, stamp_ns, effort)  # type: ignore[arg-type]
 
         source.subscribe(receive)

@@ -8,7 +8,7 @@ import numpy as np
 
 from friction_estimator.core.errors import FrictionEstimatorError
 from friction_estimator.core.intake.admission import Intake
-from friction_estimator.core.intake.pairing import FRICTION, PRESSURE, TEMPERATURE
+from friction_estimator.core.intake.pairing import FRICTION, POSITION, PRESSURE, TEMPERATURE, VELOCITY
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.online.live import CAPACITY, Events, LiveStep, Prediction
 from friction_estimator.core.sample import Samples
@@ -90,7 +90,7 @@ class SampleStream:
         self._room = QUEUES * self.queue_depth
         self._count = 0
         self._pending = [False, False]
-        self._waiting = self.intake.pairer.waiting
+        self._look()
         buffer = step or Events()
         self._streams, self._stamps, self._values = buffer.stream, buffer.stamp_ns, buffer.value
 
@@ -167,6 +167,8 @@ class SampleStream:
         self._stamps[count] = stamp_ns
         self._values[count] = value
         self._count = count + 1
+        if stream == POSITION and self._tracks:
+            stream = VELOCITY  # it may complete a sample as a velocity does
         if stream <= FRICTION:
             self._pending[stream] = True
             other = 1 - stream
@@ -189,7 +191,7 @@ class SampleStream:
         if step is None:
             samples = self.intake.push(self._streams[:count], self._stamps[:count], self._values[:count])
             self.lost += len(samples)
-            self._waiting = self.intake.pairer.waiting
+            self._look()
         elif step.contact is None and not step.behind and not self._breathless:
             admitted, predictions = self.intake.admitted, self.predictions
             begin = time.perf_counter_ns()
@@ -197,7 +199,7 @@ class SampleStream:
                 self._hand_on(step.run(count, learn=self.learn))
             finally:
                 self.lost += self.intake.admitted - admitted - (self.predictions - predictions)
-                self._waiting = self.intake.pairer.waiting
+                self._look()
             if self.predictions != predictions:
                 now = time.perf_counter_ns()
                 self._load.note(now - self._load.arrived(begin))
@@ -237,7 +239,7 @@ class SampleStream:
             if contact is not None and (self._step is None or step.contact is None):
                 self._dropped += contact.dropped
             self.lost += intake.admitted - self.held_back - self.dropped - self.overrun - admitted
-            self._waiting = self.intake.pairer.waiting
+            self._look()
         if contact is not None:
             self.work_off()
 
@@ -251,6 +253,11 @@ class SampleStream:
                 self._arrived.popleft()
         least = QUEUES * self.queue_depth
         self._room = max(least, min(self._room, step.behind + least))
+
+    def _look(self) -> None:
+        """Note what waits for a partner, and whether positions are velocities."""
+        pairer = self.intake.pairer
+        self._waiting, self._tracks = pairer.waiting, pairer.tracks
 
     def breathe(self) -> None:
         """Note that timers are served; to be called ten times a second or more.
@@ -291,7 +298,7 @@ class SampleStream:
         self.intake.retune(config)
         if self._step is not None:
             self._step.retuned()
-        self._waiting = self.intake.pairer.waiting
+        self._look()
 
     @property
     def counts(self) -> dict[str, int]:
@@ -306,4 +313,4 @@ class SampleStream:
         """Let the next sample restart the delay lines; what was learned stays."""
         self.flush()
         self.intake.restart()
-        self._waiting = self.intake.pairer.waiting
+        self._look()

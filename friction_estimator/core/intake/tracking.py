@@ -275,6 +275,11 @@ class Tracker:
         return velocity
 
     @property
+    def told(self) -> int:
+        """Velocities found so far."""
+        return int(self.state[TOLD])
+
+    @property
     def memory_s(self) -> float:
         """Mean time over which the filters chosen average, s; NaN before the first."""
         told = float(self.state[TOLD])
