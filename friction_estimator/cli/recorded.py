@@ -199,7 +199,9 @@ def _read(
             f"{name:<12}{stream.topic} ({stream.message_type.replace('/msg/', '/')}{joint}), {len(stream)} messages"
         )
     if admitted.tracker is not None:
-        output.say(f"{'velocity':<12}from the position: {admitted.tracker.words(Quantities(recording.motion).position)}")
+        output.say(
+            f"{'velocity':<12}from the position: {admitted.tracker.words(Quantities(recording.motion).position)}"
+        )
     for note in recording.notes:
         output.say(f"note: {note}")
     refused = ", ".join(f"{count} {reason}" for reason, count in admitted.rejected.items())
