@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from friction_estimator.bag.expression import FUNCTIONS, Expression, parts
+from friction_estimator.bag.expression import Expression
+from friction_estimator.bag.expression_text import FUNCTIONS, parts
 from friction_estimator.core.errors import InputError
 
 COLUMNS = {

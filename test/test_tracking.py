@@ -240,7 +240,9 @@ def joint_messages(seconds=20.0, rate_hz=200.0, *, velocity=False):
 def test_a_joint_state_without_velocity_is_replayed_without_configuration(tmp_path):
     turning, messages = joint_messages()
     path = write_joint_bag(tmp_path / "bag", {"/joint_states": messages}, 200.0)
-    admitted = to_samples(read_recording(path), Config())
+    recording = read_recording(path)
+    assert any("no velocity: a tracking filter makes it of the position" in note for note in recording.notes)
+    admitted = to_samples(recording, Config())
     assert len(admitted.samples) == len(messages) - WARM_UP + 1
     assert admitted.tracker is not None
     assert admitted.tracker.count == pytest.approx(2 * np.pi / 4096, rel=1e-3)

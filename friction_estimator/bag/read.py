@@ -196,6 +196,11 @@ def read_recording(
             first, *others = failures.values()
             told = [first] if str(first).endswith(CHOOSE_JOINT) else [first, *others]
             raise type(first)(f"{where}: {'; '.join(map(str, told))}")
+        if "velocity" not in streams:
+            notes.append(
+                "no velocity: a tracking filter makes it of the position, without delay at constant acceleration "
+                "(input.velocity_from)"
+            )
         return Recording(source.path, streams, source.topics, motion, tuple(notes))
 
 

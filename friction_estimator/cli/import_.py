@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _run(args: argparse.Namespace, output: Output, storage: str) -> int:
-    from friction_estimator.bag.expression import parts  # noqa: PLC0415
+    from friction_estimator.bag.expression_text import parts  # noqa: PLC0415
     from friction_estimator.bag.table import read_table  # noqa: PLC0415
     from friction_estimator.bag.table_map import TableSpec  # noqa: PLC0415
     from friction_estimator.bag.write import add_samples, written  # noqa: PLC0415
