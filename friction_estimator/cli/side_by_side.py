@@ -18,6 +18,9 @@ NAMES = {
 }
 """Baseline -> how a table's head calls it."""
 
+STANDS = 0.02
+"""Share of the samples at standstill from which those in motion have a row of their own."""
+
 HEAD = ("without learning", "samples", "unit", "model", *NAMES.values())
 
 
@@ -36,6 +39,10 @@ def rows(result: Replay, quantities: Quantities) -> list[tuple[str, ...]]:
         out.append((name, str(score.samples), "nrmse", *(_cell(value, 1.0) for value in values)))
         spread = quantities.value(score.spread_N, FORCE)
         out.append(("", "", quantities.force, *(_cell(value, spread) for value in values)))
+    moving = result.in_motion
+    if out and moving.standing_share > STANDS:
+        values = [moving.nrmse, *(moving.baselines.get(key) for key in NAMES)]
+        out.insert(2, ("of these in motion", str(moving.samples), "nrmse", *(_cell(value, 1.0) for value in values)))
     return out
 
 
@@ -44,8 +51,13 @@ def _cell(value: float | None, factor: float) -> str:
 
 
 def tell(output: common.Outlet, result: Replay, quantities: Quantities) -> None:
-    """Print the table where something was predicted without learning."""
-    lines = rows(result, quantities)
+    """Print the table where something was predicted without learning, and why a model is no better."""
+    _tell_table(output, rows(result, quantities))
+    for one in result.shortcomings:
+        output.say(f"{'why':<12}{one.text}; {one.advice}")
+
+
+def _tell_table(output: common.Outlet, lines: Sequence[Sequence[str]]) -> None:
     if not lines:
         return
     width = [max(len(line[k]) for line in [HEAD, *lines]) for k in range(len(HEAD))]

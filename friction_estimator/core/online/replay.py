@@ -20,6 +20,7 @@ from friction_estimator.core.fit.load_report import LearnedLoad
 from friction_estimator.core.model.structure import Extension, Model, Parameters
 from friction_estimator.core.online.estimator import Estimator, Health
 from friction_estimator.core.online.first_contact import Contact, meet
+from friction_estimator.core.online.shortcomings import InMotion, Judgement, Shortcoming, in_motion, shortcomings
 from friction_estimator.core.quantities import FORCE, Quantities
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Samples
 from friction_estimator.core.settings.config import Config
@@ -143,6 +144,32 @@ class Replay:
         scored = frozen & metrics.settled(self.samples.restart, self.config.fir.order)
         return frozen_score(self.samples, self.predicted_N, self.theory_N, scored, self.baseline_curves)
 
+    @cached_property
+    def _judgement(self) -> tuple[Judgement, Bools]:
+        """What was predicted without learning (all of it where everything was learned), and where the shaft stands."""
+        frozen = ~self.learned
+        scored = metrics.settled(self.samples.restart, self.config.fir.order)
+        model = self.estimator.model
+        judged = Judgement(
+            samples=self.samples,
+            predicted_N=self.predicted_N,
+            learned=self.learned,
+            scored=scored & frozen if frozen.any() else scored,
+            top_speed_m_s=max(abs(end) for end in model.basis.reach),
+            has_loads=frozenset(part.name for part in (*model.load.known, *model.load.unknown)),
+        )
+        return judged, judged.standing()
+
+    @cached_property
+    def in_motion(self) -> InMotion:
+        """The score of what was predicted without learning (or of all) over the samples in motion."""
+        return in_motion(*self._judgement)
+
+    @cached_property
+    def shortcomings(self) -> tuple[Shortcoming, ...]:
+        """What in the record the model cannot follow, and what helps."""
+        return shortcomings(*self._judgement)
+
     def judge(self, name: str, samples: Samples, extension: Extension | None = None) -> Judged:
         """Predict another recording with the values learned, frozen; delay lines start afresh, nothing changes here.
 
@@ -194,6 +221,8 @@ class Replay:
             "samples_per_second": len(self.samples) / self.seconds if self.seconds > 0.0 else None,
             "units": self.config.quantities.names,
             "baselines": None if frozen is None else frozen.baselines,
+            "in_motion": self.in_motion,
+            "shortcomings": self.shortcomings,
             "curve": self.curve,
             "load": list(self.loads),
             "test": [
