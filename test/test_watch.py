@@ -172,3 +172,18 @@ def test_the_screen_of_text(graph):
         assert terminal.mode() == terminal.untouched
         assert "\x1b[?1049l" in terminal.screen()  # back from a screen of its own
     assert rig.node.stop() == 0
+
+
+def test_a_rotary_drive_has_its_units_and_a_pipe_no_screen(graph):
+    from friction_estimator.ros.monitor_feed import MonitorFeed
+
+    graph.start_node({"input.motion": "rotary"})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", str(graph.domain))
+        with MonitorFeed("friction_estimator") as feed:
+            assert feed.look().quantities.force == "N"
+            await_(lambda: feed.look().quantities.force == "N m", "the unit of a torque")
+            assert feed.look().silence == "the node is there, and has not predicted anything yet"
+    piped = graph.start("-m", "friction_estimator", "watch", "--terminal")
+    assert piped.popen.wait(ros_graph.LIMIT_S) == 2
+    assert "stdout is none" in piped.output()

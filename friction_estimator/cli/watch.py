@@ -2,6 +2,7 @@
 
 import argparse
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -78,6 +79,8 @@ def _screen(feed: "MonitorFeed", ended: threading.Event) -> None:
         from friction_estimator.report.live.screen import draw_screen  # noqa: PLC0415
     except ImportError as error:
         raise InputError(f"--terminal needs rich, which cannot be imported here ({error}); pip install rich") from error
+    if sys.stdout is None or not sys.stdout.isatty():
+        raise InputError("--terminal draws on a terminal, and stdout is none; leave the pipe away")
     draw_screen(feed.look, feed.topic, ended)
 
 

@@ -1,15 +1,14 @@
 """Hears what a running node publishes for people, and keeps the last of it."""
 
+import re
 import threading
 import time
 from collections.abc import Sequence
 from types import TracebackType
-from typing import Any
 
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.srv import GetParameters
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
@@ -17,7 +16,7 @@ from std_msgs.msg import Float64MultiArray
 
 from friction_estimator.core.decimation import MONITOR_WIDTH
 from friction_estimator.core.errors import InputError
-from friction_estimator.core.quantities import LINEAR, Quantities
+from friction_estimator.core.quantities import LINEAR, ROTARY, Quantities
 from friction_estimator.report.live.seen import Seen
 
 KEPT_ROWS = 40_000
@@ -27,7 +26,7 @@ KEPT_ROWS = 40_000
 class MonitorFeed:
     """Subscribes to one node's monitor, curve and diagnostics, in a thread of its own; use as a context manager.
 
-    It asks for nothing that a node would have to wait for: best effort, and one question for a parameter.
+    Best effort, and no question: nothing that the node would have to wait for.
 
     Parameters
     ----------
@@ -39,8 +38,9 @@ class MonitorFeed:
     def __init__(self, node: str, joint: str = "", arguments: Sequence[str] = ()) -> None:
         self._lock = threading.Lock()
         self._seen, self._rows, self._heard_at = Seen(), np.empty((0, MONITOR_WIDTH)), 0.0
-        self._owner = "/" + node.strip("/")
-        self._prefix = f"{self._owner}/{joint}" if joint else self._owner
+        self._owner, self._joint = "/" + node.strip("/"), joint
+        # A joint's part of the topics, as the node writes it.
+        self._prefix = f"{self._owner}/{re.sub('[^A-Za-z0-9_]', '_', joint)}" if joint else self._owner
         self._context = rclpy.Context()
         rclpy.init(args=["watch", *arguments], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self._node = rclpy.create_node("friction_estimator_watch", context=self._context)
@@ -50,11 +50,9 @@ class MonitorFeed:
             self._node.create_subscription(Float64MultiArray, self.topic, self._take_rows, qos)
             self._node.create_subscription(Float64MultiArray, f"{self._prefix}/friction_curve", self._take_curve, qos)
             self._node.create_subscription(DiagnosticArray, "/diagnostics", self._take_status, qos)
-            self._motion = self._node.create_client(GetParameters, f"{self._owner}/get_parameters")
         except Exception as error:
             self._context.try_shutdown()
             raise InputError(f"--node {node}: {error}", remedy="give a node's name as `ros2 node list` does") from error
-        self._asked = False
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._thread = threading.Thread(target=self._serve, daemon=True)
@@ -75,12 +73,6 @@ class MonitorFeed:
         """Return what is known now; it does not change any more."""
         publishers = self._node.count_publishers(self.topic)
         with self._lock:
-            if not publishers:
-                self._asked = False  # the next one may be of another kind
-            elif not self._asked and self._motion.service_is_ready():
-                self._asked = True
-                future = self._motion.call_async(GetParameters.Request(names=["input.motion"]))
-                future.add_done_callback(self._take_motion)
             silent_s = time.monotonic() - self._heard_at if self._heard_at else float("inf")
             seen = self._seen
             return Seen(
@@ -116,12 +108,15 @@ class MonitorFeed:
 
     def _take_status(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if status.hardware_id == self._owner and status.name.endswith("estimator"):
-                with self._lock:
+            owner, _, part = status.name.partition(": ")
+            if owner != self._owner:
+                continue
+            values = {item.key: item.value for item in status.values}
+            with self._lock:
+                if part == "inputs":
+                    motion = values.get("motion", "").partition(":")[0]
+                    if motion in (LINEAR, ROTARY):
+                        self._seen.quantities = Quantities(motion)
+                elif part == (self._joint or "estimator"):
                     self._seen.status, self._seen.level = status.message, int.from_bytes(status.level, "little")
-                    self._seen.values = {item.key: item.value for item in status.values}
-
-    def _take_motion(self, future: Any) -> None:
-        value = future.result().values[0].string_value
-        with self._lock:
-            self._seen.quantities = Quantities(value or LINEAR)
+                    self._seen.values = values
