@@ -297,7 +297,10 @@ class Estimator:
         moments, rho = self.work.moments, self._prior.residual_variance
         weight = float(moments[workspace.ABSORBED]) / rho
         misfit = float(np.sqrt(moments[workspace.MISFIT_POWER]))
-        return learned_loads(self.model, self._predicting[0], self.covariance, weight, misfit)
+        # A challenger has taken over: it started from a load that was not what the samples then told.
+        replaced = self.work.status[workspace.ALARMED] > self.work.hold[workspace.RESTORED]
+        doubt = "the effort changed beyond what was learned (an alarm): identify tells, or a reset" if replaced else ""
+        return learned_loads(self.model, self._predicting[0], self.covariance, weight, misfit, doubt)
 
     @property
     def health(self) -> Health:
