@@ -20,6 +20,13 @@ ROOMS = {
     "benchmarks/kernels/table.md": [f"{CORE}/online", f"{CORE}/model", "benchmarks/kernels"],
     "benchmarks/node/table.md": ["friction_estimator/ros", f"{CORE}/online", "benchmarks/node"],
     "benchmarks/diagnosis/README.md": ["friction_estimator/diagnosis", "friction_estimator/effects"],
+    "benchmarks/load/README.md": [
+        f"{CORE}/model",
+        f"{CORE}/fit",
+        f"{CORE}/intake",
+        f"{CORE}/online",
+        "benchmarks/load",
+    ],
     "docs/paper.md": ["friction_estimator/paper", f"{CORE}/online", f"{CORE}/fit"],
 }
 """Page of figures: what its figures are about. A change of the page itself does not make it stale."""
