@@ -55,7 +55,7 @@ def replayed(stamps, shown, friction, mode):
 
 
 def test_a_joint_state_without_velocity(graph):
-    graph.start_node({"input.mode": "joint_state"}, units=False)
+    graph.start_node({"input.mode": "joint_state", "input.motion": "linear"}, units=False)
     publisher = graph.publisher(JointState, "/joint_states")
     heard = graph.hear(WrenchStamped, PREDICTED, raw=True)
     graph.matched("/joint_states")
