@@ -129,7 +129,8 @@ class Estimator:
         """
         predicted = np.empty(len(samples))
         spread = np.empty(len(samples)) if deviation is None else deviation
-        learns = np.broadcast_to(np.asarray(learn, np.bool_), (len(samples),))
+        # An array of its own: a broadcast view is of another type to numba, for which a running node would compile anew.
+        learns = np.array(np.broadcast_to(np.asarray(learn, np.bool_), (len(samples),)))
         for start in range(0, len(samples), CHUNK):
             chunk = samples[start : start + CHUNK]
             theory = self.model.theoretical_friction(chunk)
