@@ -129,7 +129,7 @@ class Estimator:
         """
         predicted = np.empty(len(samples))
         spread = np.empty(len(samples)) if deviation is None else deviation
-        # An array of its own: a broadcast view is of another type to numba, for which a running node would compile anew.
+        # An array of its own: numba takes a broadcast view for another type, and a running node would compile anew.
         learns = np.array(np.broadcast_to(np.asarray(learn, np.bool_), (len(samples),)))
         for start in range(0, len(samples), CHUNK):
             chunk = samples[start : start + CHUNK]
