@@ -30,7 +30,7 @@ RELIABLE = {f"qos_overrides./{topic}.subscription.reliability": "reliable" for t
 DEEP = {f"qos_overrides./{topic}.subscription.depth": 4000 for topic in INPUTS}
 
 # Range and units of `motion`, for tests that are not about the first contact.
-UNITS = {"basis.velocity_range": [-0.15, 0.15], "force_unit": 10.0}
+UNITS = {"theory.kind": "seal", "basis.velocity_range": [-0.15, 0.15], "force_unit": 10.0}
 
 
 def await_(condition: Callable[[], Any], what: str, limit_s: float = LIMIT_S) -> Any:

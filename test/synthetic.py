@@ -34,7 +34,7 @@ def known_system(model_type: str, velocity: np.ndarray) -> np.ndarray:
     """A smooth Stribeck-like map behind a short FIR; the parallel one adds the filtered theory."""
     friction = _filtered([0.6, 0.3, 0.1], stribeck(velocity))
     if model_type == "parallel":
-        config = Config.from_mapping({"basis.velocity_range": [-1, 1], "force_unit": 1.0})
+        config = Config.from_mapping({"theory.kind": "seal", "basis.velocity_range": [-1, 1], "force_unit": 1.0})
         d = Model(config).theoretical_friction(samples_of(velocity, velocity))
         friction = 0.3 * friction + _filtered([0.9, 0.2], d)
     return friction
@@ -52,6 +52,7 @@ def noisy(clean: np.ndarray, noise: float = 0.01, seed: int = 0) -> np.ndarray:
 
 
 def config_for(samples: Samples, **settings: object) -> Config:
-    """Return settings (`__` for `.`) with range and units from the record."""
-    config = Config.from_mapping({name.replace("__", "."): value for name, value in settings.items()})
+    """Return settings (`__` for `.`) with range and units from the record, and the seal for theory."""
+    given = {name.replace("__", "."): value for name, value in settings.items()}
+    config = Config.from_mapping({"theory.kind": "seal", **given})
     return chosen(config, samples.velocity_m_s, samples.friction_N)

@@ -20,6 +20,7 @@ REACH = 0.1
 def config_of(model="hammerstein", **changes):
     values = {
         "model.type": model,
+        "theory.kind": "seal",
         "basis.velocity_range": [-REACH, REACH],
         "force_unit": 2.0,
         "fir.order": 4,

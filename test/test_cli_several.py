@@ -93,7 +93,9 @@ def test_a_restart_separates_the_recordings(bags):
 
 
 def read_units(samples):
-    return Config.from_mapping({"basis.velocity_range": (-0.14, 0.14), "force_unit": float(np.std(samples.friction_N))})
+    return Config.from_mapping(
+        {"theory.kind": "seal", "basis.velocity_range": (-0.14, 0.14), "force_unit": float(np.std(samples.friction_N))}
+    )
 
 
 # Judging

@@ -63,11 +63,34 @@ def test_what_is_given_wins_over_what_was_chosen(low, high, force, scale):
         "learned.force_unit": 7.0,
     }
     met = Config.from_mapping(chosen)
-    assert met.is_met
+    assert met.has_units
     assert (met.reach, met.velocity_scale, met.unit_N) == ((-0.5, 0.25), scale, 7.0)
     given_ = met.updated({"basis.velocity_range": [-low, high], "force_unit": force})
-    assert given_.is_met
+    assert given_.has_units
     assert (given_.reach, given_.velocity_scale, given_.unit_N) == ((-low, high), max(low, high), force)
+
+
+def test_a_parallel_model_is_met_when_its_theory_is_known_too():
+    units = Config.from_mapping({"basis.velocity_range": [-1.0, 1.0], "force_unit": 3.0})
+    assert not units.is_met
+    with pytest.raises(ConfigError, match=r"theory\.kind is auto and no first contact"):
+        Estimator(units)
+    for known in ({"theory.kind": "seal"}, {"learned.theory": "seal"}, {"model.type": "hammerstein"}):
+        assert units.updated(known).is_met
+    for kind in ({"theory.kind": "stribeck"}, {"learned.theory": "stribeck"}):
+        assert not units.updated(kind).is_met, "the curve is still to be found"
+        assert units.updated(kind | {"stribeck.coulomb": [2.0]}).is_met
+
+
+def test_without_a_theory_parallel_is_hammerstein():
+    config = Config.from_mapping({"theory.kind": "none", "basis.velocity_range": [-1.0, 1.0], "force_unit": 3.0})
+    assert (config.structure, config.is_met) == ("hammerstein", True)
+    assert Estimator(config).parameters.theory_taps.size == 0
+
+
+def test_files_of_versions_whose_default_was_the_seal_say_no_kind():
+    learned = {"learned.velocity_range": [-1.0, 1.0], "learned.force_unit": 1.0, "learned.wavelet_weights": [0.0]}
+    assert Config.from_mapping(learned).theory_kind == "seal"
 
 
 def test_a_learned_range_without_its_scale_is_its_own_scale():

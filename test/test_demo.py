@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from friction_estimator.core.settings.groups import SealConfig
+from friction_estimator.core.settings.theory_groups import SealConfig
 from friction_estimator.rig.plant import PLANTS
 
 ROOT = Path(__file__).parents[1]

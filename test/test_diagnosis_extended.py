@@ -16,7 +16,7 @@ from friction_estimator.diagnosis.diagnose import Diagnosis, diagnose
 from friction_estimator.diagnosis.extend import extended_config, is_offered
 from friction_estimator.effects.extension import ExtensionTerms, parse_term
 
-UNITS = {"basis.velocity_range": [-0.1, 0.1], "force_unit": 4.0}
+UNITS = {"theory.kind": "seal", "basis.velocity_range": [-0.1, 0.1], "force_unit": 4.0}
 
 
 def moved(position_m: np.ndarray, step_s: float = 0.01) -> Samples:

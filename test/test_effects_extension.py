@@ -26,7 +26,13 @@ TERMS = [
 
 def config(terms: list[str]) -> Config:
     return Config.from_mapping(
-        {"extension.terms": terms, "basis.velocity_range": [-0.14, 0.14], "force_unit": 4.0, "fir.order": 4}
+        {
+            "extension.terms": terms,
+            "theory.kind": "seal",
+            "basis.velocity_range": [-0.14, 0.14],
+            "force_unit": 4.0,
+            "fir.order": 4,
+        }
     )
 
 
@@ -108,7 +114,12 @@ def test_bad_terms_are_refused_in_one_line(text: str, words: str) -> None:
 )
 def test_an_extended_model_that_does_not_fit_itself_is_refused_in_one_line(words, change):
     """One weight less once ended in an IndexError of the reference curve."""
-    base = {"basis.velocity_range": [-0.15, 0.15], "force_unit": 5.0, "extension.terms": ["inertia"]}
+    base = {
+        "theory.kind": "seal",
+        "basis.velocity_range": [-0.15, 0.15],
+        "force_unit": 5.0,
+        "extension.terms": ["inertia"],
+    }
     cold = Config.from_mapping(base)
     warm = Estimator(cold, extension_from_config(cold)).learned_config
     config = warm.updated(change(warm))

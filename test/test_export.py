@@ -16,6 +16,7 @@ from friction_estimator.cli.main import main
 from friction_estimator.core.errors import ConfigError, UnanswerableError
 from friction_estimator.core.fit.baselines import StaticCurve
 from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.core.online.first_contact import chosen
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.export import FORMATS
@@ -60,8 +61,10 @@ def drive(seed=0, n=6000, rate=500):
 
 
 def learned_from(samples, **settings):
-    config = Config.from_mapping({"basis.velocity_range": [-0.1, 0.1], "force_unit": 4.0, **settings})
-    estimator = Estimator(config)
+    config = Config.from_mapping(
+        {"theory.kind": "seal", "basis.velocity_range": [-0.1, 0.1], "force_unit": 4.0, **settings}
+    )
+    estimator = Estimator(chosen(config, samples))
     estimator.run(samples)
     return Learned("out", estimator.learned_config, samples=samples, recordings=["drive"])
 
@@ -110,8 +113,15 @@ def run(library, samples):
         {"basis.wavelet": "db5", "fir.order": 0, "basis.velocity_range": [-0.03, 0.2]},
         {"theory.kind": "none", "model.type": "hammerstein", "fir.order": 3},
         {"seal.asymmetry": 0.3, "theory.ambient_pressure": 9e4},
+        {"theory.kind": "stribeck"},
+        {
+            "theory.kind": "stribeck",
+            "stribeck.coulomb": [2.0, 3.0],
+            "stribeck.breakaway": [1.0],
+            "stribeck.exponent": 2.0,
+        },
     ],
-    ids=["parallel", "hammerstein", "haar", "db5", "no theory", "asymmetric seal"],
+    ids=["parallel", "hammerstein", "haar", "db5", "no theory", "asymmetric seal", "stribeck", "given stribeck"],
 )
 def test_the_c_header_predicts_as_the_node_does(settings, compiled):
     samples = drive()

@@ -173,8 +173,9 @@ def test_what_is_given_is_kept():
     assert scaled.learned.force_unit == 0.0
     assert chosen_values(scaled) == (plain.reach, plain.velocity_scale, 12.0)
     both = OPEN.updated({"force_unit": 12.0, "basis.velocity_range": [-0.3, 0.2]})
-    contact = meet(both, samples)
-    assert (contact.config, contact.samples, contact.dropped, contact.ended) == (both, 0, 0, True)
+    for known in (both.updated({"theory.kind": "seal"}), both.updated({"model.type": "hammerstein"})):
+        contact = meet(known, samples)
+        assert (contact.config, contact.samples, contact.dropped, contact.ended) == (known, 0, 0, True)
 
 
 def test_what_was_learned_wins_over_the_rule():

@@ -301,6 +301,7 @@ def test_where_units_are_far_too_small_it_stays_usable():
             "learned.velocity_scale": 1e-6,
             "learned.force_unit": 2.0,
             "basis.companding": 0.0,
+            "theory.kind": "seal",
         }
     )
     estimator = Estimator(config)

@@ -94,7 +94,9 @@ def test_torque_ramps_on_a_stuck_shaft_teach_nothing_and_are_predicted(law):
     velocity = 0.1 * velocity
     friction = stribeck(velocity)
     ramps = 2.0 + np.sin(2 * np.pi * np.arange(velocity.size) / 700.0)
-    config = Config.from_mapping({"model.law": law, "basis.velocity_range": [-0.11, 0.11], "force_unit": 4.0})
+    config = Config.from_mapping(
+        {"model.law": law, "theory.kind": "seal", "basis.velocity_range": [-0.11, 0.11], "force_unit": 4.0}
+    )
     quiet, stuck = Estimator(config), Estimator(config)
     quiet.run(samples_of(velocity, friction))
     predicted = stuck.run(samples_of(velocity, np.where(rests, ramps, friction)))
@@ -114,7 +116,7 @@ def test_torque_ramps_on_a_stuck_shaft_teach_nothing_and_are_predicted(law):
 def test_standstill_goes_with_the_state():
     velocity, rests = strokes(20.0)
     samples = samples_of(0.1 * velocity, np.where(rests, 1.0, np.sign(velocity)))
-    config = Config.from_mapping({"basis.velocity_range": [-0.11, 0.11], "force_unit": 1.0})
+    config = Config.from_mapping({"theory.kind": "seal", "basis.velocity_range": [-0.11, 0.11], "force_unit": 1.0})
     whole, first, second = Estimator(config), Estimator(config), Estimator(config)
     expected = whole.run(samples)
     middle = int(np.flatnonzero(rests)[-40])

@@ -12,7 +12,7 @@ from friction_estimator.core.online.live import LiveStep
 from friction_estimator.core.settings.config import Config
 
 NS = 10**9
-FIXED = {"basis.velocity_range": [-0.15, 0.15], "force_unit": 10.0}
+FIXED = {"theory.kind": "seal", "basis.velocity_range": [-0.15, 0.15], "force_unit": 10.0}
 
 
 def events(seed, count=400):

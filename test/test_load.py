@@ -9,13 +9,13 @@ from friction_estimator.core.intake.acceleration import AccelerationFilter
 from friction_estimator.core.intake.admission import Intake
 from friction_estimator.core.intake.pairing import FRICTION, POSITION, VELOCITY
 from friction_estimator.core.intake.standstill import standstill
-from friction_estimator.core.model.load import LOADS, LoadTerms, friction_alone, parse_term
+from friction_estimator.core.model.load import LOADS, LoadTerms, parse_term
 from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.core.online.first_contact import chosen
 from friction_estimator.core.online.live import LiveStep
 from friction_estimator.core.online.replay import replay
 from friction_estimator.core.sample import Samples, in_sequence
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.units import chosen
 
 RATE = 200.0
 NOISE = 0.002
@@ -67,7 +67,7 @@ def pendulum(lines=MULTISINE, seed=0, seconds=40.0):
 
 
 def fitted(given, samples):
-    met = chosen(given, samples.velocity_m_s, friction_alone(given, samples))
+    met = chosen(given, samples)
     return fit_batch(samples, met, use=~standstill(samples, met.velocity_scale))
 
 

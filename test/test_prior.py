@@ -13,7 +13,7 @@ from friction_estimator.core.settings.config import PARAMETERS, Config
 
 
 def model_of(model_type="parallel", **changes):
-    values = {"model.type": model_type, "basis.velocity_range": [-0.1, 0.1], "force_unit": 2.0}
+    values = {"model.type": model_type, "theory.kind": "seal", "basis.velocity_range": [-0.1, 0.1], "force_unit": 2.0}
     return Model(Config.from_mapping(values | {name.replace("__", "."): v for name, v in changes.items()}))
 
 

@@ -23,7 +23,9 @@ def record(n=1500, top=0.1):
 
 @pytest.fixture(scope="module")
 def replayed() -> Replay:
-    config = Config.from_mapping({"basis.velocity_range": (-0.11, 0.11), "force_unit": 3.0, "model.law": "nlms"})
+    config = Config.from_mapping(
+        {"theory.kind": "seal", "basis.velocity_range": (-0.11, 0.11), "force_unit": 3.0, "model.law": "nlms"}
+    )
     return replay(joined([record(), record(1000, 0.05)]), config, starts=(0, 1500))
 
 
@@ -86,5 +88,5 @@ def test_every_figure_is_drawn_for_several_recordings(replayed, tmp_path):
 def test_a_shaft_that_hardly_moves_can_be_drawn(tmp_path):
     n = 200
     rest = Samples(np.arange(n) * 5_000_000 + 1, np.zeros(n), np.sin(np.arange(n)), np.arange(n) == 0)
-    config = Config.from_mapping({"basis.velocity_range": (-0.1, 0.1), "force_unit": 1.0})
+    config = Config.from_mapping({"theory.kind": "seal", "basis.velocity_range": (-0.1, 0.1), "force_unit": 1.0})
     figures.write_figures(replay(rest, config), tmp_path)

@@ -10,7 +10,7 @@ from friction_estimator.core.model.structure import Model
 from friction_estimator.core.model.theory_seal import SealCurve
 from friction_estimator.core.quantities import LINEAR
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.groups import SealConfig
+from friction_estimator.core.settings.theory_groups import SealConfig
 from friction_estimator.core.settings.units import chosen
 from friction_estimator.effects import EFFECTS
 from friction_estimator.rig.drive import CONDITIONS, segment

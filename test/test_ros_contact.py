@@ -8,6 +8,7 @@ pytest.importorskip("rclpy")
 import ros_graph
 from geometry_msgs.msg import WrenchStamped
 from ros_graph import Feeder, await_, force, motion
+from sensor_msgs.msg import FluidPressure
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 from test_ros_node import diagnostics, feed
@@ -149,6 +150,37 @@ def test_reset_forgets_the_choices_and_saving_has_to_wait(graph):
     diagnostics(graph, lambda v: v["samples dropped while waiting"] == "7" and v["samples waiting"] == "0")
 
 
+def test_without_pressure_a_curve_is_found_and_said_and_reset_decides_anew(graph):
+    """A shaft ten times as fast: bit for bit as in replay; pressure that comes later is a warning until the reset."""
+    process = graph.start_node(units=False)
+    listening = Listening(graph)
+    pressure = graph.publisher(FluidPressure, "pressure")
+    graph.matched("pressure")
+    stamps, velocity, friction = motion(1500, 400.0)
+    listening.feed(stamps, 10.0 * velocity, friction)
+    expected, deviation, estimator = replayed(stamps, 10.0 * velocity, friction)
+    found = listening.heard(stamps.size)
+    np.testing.assert_array_equal(found[1], expected)
+    np.testing.assert_array_equal(found[2], deviation)
+    assert graph.call_get(NODE, "learned.theory") == "stribeck"
+    assert tuple(graph.call_get(NODE, "learned.stribeck")) == estimator.config.learned.stribeck
+    values = diagnostics(graph, lambda v: v.get("theory", "").startswith("stribeck: no pressure is recorded"))
+    assert "theoretical curve stribeck: no pressure is recorded" in process.output()
+
+    sample = FluidPressure(fluid_pressure=4.5e5)
+    sample.header.stamp.sec = int(stamps[0] // 10**9)
+    pressure.publish(sample)
+    values = diagnostics(graph, lambda v: "~/reset" in v["estimator message"])
+    assert values["estimator level"] == 1
+    assert graph.call_get(NODE, "learned.theory") == "stribeck"
+    assert "first contact" in graph.call(Trigger, f"{NODE}/reset").message
+    listening.feed(stamps, 10.0 * velocity, friction)
+    listening.heard(stamps.size)
+    assert graph.call_get(NODE, "learned.theory") == "seal"
+    assert list(graph.call_get(NODE, "learned.stribeck")) == []
+    assert process.stop() == 0
+
+
 def test_a_state_of_a_former_version_is_refused_and_kept_aside(graph):
     state = graph.folder / "state.json"
     process = graph.start_node({"state.file": str(state)}, units=False)
@@ -173,7 +205,7 @@ def test_a_state_of_a_former_version_is_refused_and_kept_aside(graph):
     assert "starting cold" in process.output()
     assert "version 2" in process.output()
     assert (graph.folder / "state.json.refused").read_bytes() == former
-    assert "first contact: basis.velocity_range and force_unit" in process.output()
+    assert "first contact: basis.velocity_range, force_unit, theory.kind come" in process.output()
     assert process.stop() == 0
 
 

@@ -337,10 +337,10 @@ def test_parameter_file_is_up_to_date():
 
 
 def test_the_papers_own_algorithm():
-    """config/paper.yaml: no companding, the paper's law, no guard; all else as by default."""
+    """config/paper.yaml: no companding, the paper's law and theory, no guard; all else as by default."""
     from friction_estimator.core.settings.config import Config
     from friction_estimator.documents.configuration import read_config
 
     found = read_config(CONFIG.parent / "paper.yaml").to_mapping()
     changed = {name: value for name, value in found.items() if value != Config().to_mapping()[name]}
-    assert changed == {"model.law": "lms", "basis.companding": 0.0, "lms.guard": False}
+    assert changed == {"model.law": "lms", "basis.companding": 0.0, "theory.kind": "seal", "lms.guard": False}

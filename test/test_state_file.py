@@ -29,7 +29,13 @@ VERSION_3 = Path(__file__).parent / "data" / "state_version_3.json"
 """Written by the program as it was before states were judged by more than their checksum."""
 
 CONFIG = Config.from_mapping(
-    {"basis.velocity_range": [-0.1, 0.1], "force_unit": 5.0, "fir.order": 2, "basis.finest_level": 1}
+    {
+        "theory.kind": "seal",
+        "basis.velocity_range": [-0.1, 0.1],
+        "force_unit": 5.0,
+        "fir.order": 2,
+        "basis.finest_level": 1,
+    }
 )
 
 
@@ -362,7 +368,7 @@ def test_a_link_stays_one(tmp_path):
     keeper.save(learned())
     keeper.close(None)
     assert (tmp_path / "link").is_symlink()
-    assert read_state(tmp_path / "state.json")["version"] == 4
+    assert read_state(tmp_path / "state.json")["version"] == 5
 
 
 def test_each_damaged_file_is_kept_under_a_name_of_its_own(tmp_path):

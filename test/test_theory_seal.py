@@ -12,7 +12,7 @@ from friction_estimator.core.model.oil import checked_temperature, kinematic_vis
 from friction_estimator.core.model.theory import theory_from_config
 from friction_estimator.core.model.theory_seal import SealCurve
 from friction_estimator.core.settings.config import PARAMETERS, Config
-from friction_estimator.core.settings.groups import SealConfig
+from friction_estimator.core.settings.theory_groups import SealConfig
 
 PSI = 6894.757293168
 DEFAULT = SealConfig()
@@ -203,4 +203,4 @@ class TestViscosity:
         with pytest.raises(ConfigError, match="thins"):
             walther_coefficients(10.0, 10.0)
         with pytest.raises(ConfigError, match=r"seal\.viscosity_100"):
-            theory_from_config(Config.from_mapping({"seal.viscosity_100": 40.0}))
+            theory_from_config(Config.from_mapping({"theory.kind": "seal", "seal.viscosity_100": 40.0}))

@@ -8,7 +8,7 @@ from drives import Drive, Recorder
 
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.groups import SealConfig
+from friction_estimator.core.settings.theory_groups import SealConfig
 from friction_estimator.effects import Effect, Trace, compose
 from friction_estimator.rig.law import Law, Scaled, scaled_theory
 from friction_estimator.rig.plant import PLANTS

@@ -21,10 +21,10 @@ from scipy.optimize import curve_fit
 from friction_estimator.core.fit.batch import fit_batch
 from friction_estimator.core.metrics import nrmse
 from friction_estimator.core.online.adaptation import LAWS
+from friction_estimator.core.online.first_contact import chosen
 from friction_estimator.core.online.replay import replay
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.units import chosen
 from friction_estimator.output.target import write_text
 
 HERE = Path(__file__).parent
@@ -60,7 +60,7 @@ def stribeck(samples, half):
 def ours(samples, half):
     """Return rows of the Hammerstein model: batch fit and each law, default settings."""
     base = Config.from_mapping({"model.type": "hammerstein", "theory.kind": "none"})
-    config = chosen(base, samples.velocity_m_s, samples.friction_N)
+    config = chosen(base, samples)
     known = np.arange(len(samples)) < half
     fit = fit_batch(samples, config, use=known)
     rows = [

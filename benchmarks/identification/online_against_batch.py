@@ -23,8 +23,8 @@ from friction_estimator.cli.common import progress
 from friction_estimator.core.fit.batch import fit_batch
 from friction_estimator.core.metrics import drive_cycles
 from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.core.online.first_contact import chosen
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.units import chosen
 from friction_estimator.documents.configuration import read_config
 from friction_estimator.output.target import write_text
 from friction_estimator.rig.drive import CONDITIONS, segment
@@ -54,7 +54,7 @@ def one_run(condition, noise, seed, seconds, rate, base):
     """Return the rows of one recording, one a model and law."""
     period, pressure = CONDITIONS[condition]
     samples = simulate(Scenario((segment(period, pressure, seconds),), rate_hz=rate, noise=noise, seed=seed)).paired()
-    units = chosen(base, samples.velocity_m_s, samples.friction_N)
+    units = chosen(base, samples)
     cycles = drive_cycles(samples.velocity_m_s)
     cycle = int(np.median([part.stop - part.start for part in cycles]))
     first, last = slice(0, cycle), slice(cycles[-5].start, cycles[-1].stop)

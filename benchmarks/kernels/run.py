@@ -15,9 +15,9 @@ import numpy as np
 
 from friction_estimator.core.online import kernels
 from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.core.online.first_contact import chosen
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.units import chosen
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 import provenance
@@ -39,7 +39,7 @@ def record(n: int) -> Samples:
 
 def estimator(samples: Samples, model: str, law: str) -> Estimator:
     config = Config.from_mapping({"model.type": model, "model.law": law})
-    return Estimator(chosen(config, samples.velocity_m_s, samples.friction_N))
+    return Estimator(chosen(config, samples))
 
 
 def plain_numpy_lms(est: Estimator, samples: Samples, keep_rows: bool) -> np.ndarray:

@@ -20,12 +20,11 @@ from friction_estimator.core.fit.load_report import LearnedLoad
 from friction_estimator.core.intake.admission import Intake
 from friction_estimator.core.intake.pairing import FRICTION, POSITION, VELOCITY
 from friction_estimator.core.intake.standstill import standstill
-from friction_estimator.core.model.load import friction_alone
 from friction_estimator.core.model.structure import Parameters
+from friction_estimator.core.online.first_contact import chosen
 from friction_estimator.core.online.replay import replay
 from friction_estimator.core.sample import Floats, Samples, in_sequence
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.units import chosen
 from friction_estimator.rig.drive import Segment, run_drive
 from friction_estimator.rig.profiles import Geometry
 
@@ -194,7 +193,7 @@ def learned(rec: Record, terms: list[str]) -> dict[str, Learned]:
     """Return what the batch fit and rls make of a record: the loads, and the error of friction without learning."""
     config = config_of(terms)
     samples = rec.admitted(config)
-    met = chosen(config, samples.velocity_m_s, friction_alone(config, samples))
+    met = chosen(config, samples)
     still = standstill(samples, met.velocity_scale)
     fit, online = fit_batch(samples, met, use=~still), replay(samples, config)
 

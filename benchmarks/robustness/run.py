@@ -95,7 +95,7 @@ def run_one(seed: int, samples: int) -> tuple[str, dict[str, object], str, float
     block = min(BLOCK, samples)
     stamp, v, f = machine.block(block)
     if values["model.type"] == "parallel":  # a theory of the machine's own scale
-        values["seal.shaft_diameter"] = 0.025
+        values |= {"theory.kind": "seal", "seal.shaft_diameter": 0.025}
     config = chosen(Config.from_mapping(values), v, f)
     intake, estimator = Intake(config), Estimator(config)
     error_power = spread = 0.0

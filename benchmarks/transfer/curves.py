@@ -5,7 +5,7 @@ from judge import MODELS, both_fits, rms
 from page import Target, grouped, median, table, target_table, worst
 from records import FIRST_TRAIN_SEED, PLANTS, Drive
 
-from friction_estimator.core.settings.groups import SealConfig
+from friction_estimator.core.settings.theory_groups import SealConfig
 from friction_estimator.rig import plant as rig
 from friction_estimator.rig.drive import CONDITIONS
 

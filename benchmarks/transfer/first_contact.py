@@ -18,8 +18,7 @@ from records import (
 )
 
 from friction_estimator.core.online.estimator import Estimator
-from friction_estimator.core.online.first_contact import meet
-from friction_estimator.core.settings.units import chosen
+from friction_estimator.core.online.first_contact import chosen, meet
 from friction_estimator.rig.drive import CONDITIONS
 
 RATES_HZ = (1000.0, 200.0)
@@ -76,7 +75,7 @@ def rows(name: tuple, seed: int) -> list[dict]:
             config = config_of(model)
             contact = meet(config, record)
             _, mine = learned(record, config)
-            told = Estimator(chosen(config, record.velocity_m_s, record.friction_N))
+            told = Estimator(chosen(config, record))
             theirs = told.run(record)
             ours, known = (nrmse(record.friction_N[last], p[last]) for p in (mine, theirs))
             out.append(
@@ -103,7 +102,7 @@ def _growing(profile, rate, seed):
         predicted = estimator.run(record)
         step, peak = np.abs(np.diff(predicted)), float(np.max(np.abs(record.friction_N)))
         events = [k for k in estimator.grown_at if 0 < k < len(record)]
-        told = Estimator(chosen(config, record.velocity_m_s, record.friction_N)).run(record)
+        told = Estimator(chosen(config, record)).run(record)
         out.append(
             {
                 "kind": "grow", "record": f"{profile} {rate:g}", "seed": seed, "model": model,

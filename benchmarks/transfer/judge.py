@@ -8,10 +8,9 @@ from friction_estimator.core.fit.baselines import fit_baselines, scores
 from friction_estimator.core.fit.batch import BatchFit, fit_batch, predict
 from friction_estimator.core.metrics import nrmse, settled
 from friction_estimator.core.online.estimator import Estimator
-from friction_estimator.core.online.first_contact import meet
+from friction_estimator.core.online.first_contact import chosen, meet
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.units import chosen
 
 MODELS = ("parallel", "hammerstein")
 DEFAULT = "parallel"
@@ -38,9 +37,9 @@ def learned(samples: Samples, config: Config) -> tuple[Estimator, np.ndarray]:
 
 
 def fitted(samples: Samples, config: Config, use=True) -> BatchFit:
-    """Fit as `identify` does: range and units from all samples that are fitted."""
+    """Fit as `identify` does, the first samples or all: range, units and theory from those that are fitted."""
     known = np.broadcast_to(use, (len(samples),))
-    units = chosen(config, samples.velocity_m_s[known], samples.friction_N[known])
+    units = chosen(config, samples[: int(known.sum())])
     return fit_batch(samples, units, use=use)
 
 

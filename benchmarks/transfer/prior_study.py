@@ -17,8 +17,8 @@ from records import EMPS, Drive, emps
 from tqdm import tqdm
 
 from friction_estimator.core.fit.batch import fit_batch, predict
+from friction_estimator.core.online.first_contact import chosen
 from friction_estimator.core.settings.config import PARAMETERS, Config
-from friction_estimator.core.settings.units import chosen
 from friction_estimator.output.target import write_text
 
 HERE = Path(__file__).resolve().parent
@@ -59,9 +59,7 @@ def transfers(values: dict[str, float]) -> dict[tuple[str, float], list[float]]:
             for model, at in GROUPS:
                 if at != rate:
                     continue
-                config = chosen(
-                    Config.from_mapping({"model.type": model, **values}), train.velocity_m_s, train.friction_N
-                )
+                config = chosen(Config.from_mapping({"model.type": model, **values}), train)
                 fit = fit_batch(train, config)
                 for test in tests:
                     use = scored(test, config)
@@ -78,7 +76,7 @@ def emps_first_half(values: dict[str, float]) -> float | None:
     quarter = len(samples) // 4
     use = np.arange(len(samples)) < quarter
     config = Config.from_mapping({"model.type": "hammerstein", **values})
-    config = chosen(config, samples.velocity_m_s[use], samples.friction_N[use])
+    config = chosen(config, samples[:quarter])
     predicted = fit_batch(samples, config, use=use).predicted_N
     return nrmse(samples.friction_N[quarter : 2 * quarter], predicted[quarter : 2 * quarter])
 

@@ -82,7 +82,7 @@ def _demonstrate(args: argparse.Namespace, output: common.Output) -> int:
         os.environ.setdefault("ROS_LOG_DIR", str(Path(folder) / "log"))
         node = [sys.executable, "-m", "friction_estimator.ros.node", "--ros-args", *QUIET, *RELIABLE]
         play = [sys.executable, "-m", "friction_estimator", "play", "--quiet", args.bag, "--rate", str(args.rate)]
-        say(f"live node   {config.model.type} model, law {config.model.law}")
+        say(f"live node   {config.structure} model, law {config.model.law}")
         say(f"recording   {args.bag}: {len(samples)} samples in {samples.time_s[-1]:.1f} s, played at {args.rate:g}x")
         domain = f"ROS_DOMAIN_ID={os.environ['ROS_DOMAIN_ID']} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
         say(f"watch it    {domain} {Path(sys.executable).with_name('friction_estimator')} watch", flush=True)

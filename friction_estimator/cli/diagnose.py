@@ -64,9 +64,11 @@ def refusal(folder: Path) -> str | None:
 
 def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
     # scipy takes a second to import: `--help` needs none of it.
+    from friction_estimator.cli.recorded import tell_theory  # noqa: PLC0415
     from friction_estimator.diagnosis.diagnose import diagnose  # noqa: PLC0415
     from friction_estimator.diagnosis.extend import is_offered  # noqa: PLC0415
     from friction_estimator.diagnosis.summary import as_json, judged_by, sentences  # noqa: PLC0415
+    from friction_estimator.diagnosis.theory import with_theory  # noqa: PLC0415
 
     config = common.config_from(args, warned=output.warn)
     loaded = [_load(bag, args, config, output) for bag in args.bags]
@@ -84,6 +86,8 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
             shown = max(shown, done)
 
         result = diagnose(recordings, config, seed=args.seed, progress=report, faults=tuple(faults.values()))
+    config = with_theory(config, result.raw.samples)
+    tell_theory(output, config, result.raw.samples)
     for line in sentences(result, quantities):
         output.say(line)
     extended = str(Path(args.out) / EXTENDED) if args.out and is_offered(result) else None

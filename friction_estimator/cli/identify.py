@@ -8,19 +8,18 @@ import numpy as np
 
 from friction_estimator.cli import common, joints, loads, side_by_side
 from friction_estimator.cli.progress import progress
-from friction_estimator.cli.recorded import Session, add_run_options, load, outputs, tell_units
-from friction_estimator.cli.replay import judged, summarise
+from friction_estimator.cli.recorded import Session, add_run_options, load, outputs, tell_theory, tell_units
+from friction_estimator.cli.replay import extension_as_met, judged, summarise
 from friction_estimator.core.errors import ConfigError, about
 from friction_estimator.core.fit.batch import BatchFit, fit_batch
 from friction_estimator.core.intake.standstill import standstill
 from friction_estimator.core.metrics import nrmse
-from friction_estimator.core.model.load import friction_alone
 from friction_estimator.core.online.adaptation import LAWS
 from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.core.online.first_contact import chosen, refined
 from friction_estimator.core.online.replay import Replay, check_answerable, curves_of, replay
 from friction_estimator.core.sample import Bools
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.units import chosen
 from friction_estimator.effects.extension import extension_from_config
 
 SCHEMA = "friction_estimator/identify/2"
@@ -55,9 +54,13 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
     with about(", ".join(session.bags)):
         check_answerable(samples, session.quantities)
         learned = _learned(len(samples), args.freeze_after)
-        # Range and units are those of the samples that are fitted: all are known before.
-        config = chosen(session.config, samples.velocity_m_s[learned], friction_alone(session.config, samples)[learned])
+        # Range, units and theory are those of the samples that are fitted: all are known before;
+        # so is a Stribeck curve, of whatever samples it was found before.
+        config = chosen(session.config, samples[: int(learned.sum())])
+        if config.finds_stribeck:
+            config = refined(config, samples[: int(learned.sum())])
     tell_units(output, session.quantities, session.config, config)
+    tell_theory(output, config, samples)
     begin = time.perf_counter()
     with progress("fitting", len(samples)) as advance:
         in_motion = learned & ~standstill(samples, config.velocity_scale)
@@ -95,7 +98,6 @@ def _as_replay(session: Session, config: Config, fit: BatchFit, learned: Bools, 
     """Return the fit as a replay whose parameters never change: both are then scored and written alike."""
     estimator = Estimator(config, extension_from_config(config))
     estimator.parameters = fit.parameters
-    parallel = config.model.type == "parallel"
     samples = session.samples
     begins, ends = session.starts, (*session.starts[1:], len(samples))
     shown = [index for begin, end in zip(begins, ends, strict=True) for index in (begin, end - 1)]
@@ -104,7 +106,7 @@ def _as_replay(session: Session, config: Config, fit: BatchFit, learned: Bools, 
         config=config,
         samples=samples,
         predicted_N=fit.predicted_N,
-        theory_N=estimator.model.theoretical_friction(samples) if parallel else None,
+        theory_N=estimator.model.theoretical_friction(samples) if config.is_parallel else None,
         learned=learned,
         snapshot_index=shown,
         snapshots=[fit.parameters for _ in shown],
@@ -147,7 +149,7 @@ def _online(
     with progress("online laws", len(laws) * len(samples)) as advance:
         for law in laws:
             config = session.config.updated({"model.law": law})
-            extension = extension_from_config(config)
+            extension = extension_as_met(config, samples)
             online = replay(samples, config, extension=extension, freeze_after=freeze_after, advance=advance)
             measured = online.samples.friction_N  # those that waited too long for the first contact are not among them
             fitted = fit.predicted_N[len(samples) - len(measured) :]

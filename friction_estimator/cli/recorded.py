@@ -13,6 +13,7 @@ from friction_estimator.bag.samples import Admitted, to_samples
 from friction_estimator.cli import common, joints
 from friction_estimator.cli.progress import progress
 from friction_estimator.core.errors import InputError, about
+from friction_estimator.core.model.theory_choice import has_pressure, told, warning
 from friction_estimator.core.quantities import Quantities
 from friction_estimator.core.sample import Samples, joined
 from friction_estimator.core.settings.config import PARAMETERS, Config
@@ -178,6 +179,14 @@ def tell_units(output: common.Outlet, quantities: Quantities, given: Config, use
             ends = [float(end) for end in (value if isinstance(value, tuple) else [value])]
             shown = quantities.range_text(ends, unit, ".5g") if ends[1:] else quantities.text(ends[0], unit, ".5g")
             output.say(f"{'chosen':<12}{name} = {shown}")
+
+
+def tell_theory(output: common.Outlet, config: Config, samples: Samples) -> None:
+    """Say which theoretical curve is used and why, and warn where these samples would have chosen another."""
+    pressure = has_pressure(samples)
+    output.say(f"{'theory':<12}{told(config, pressure)}")
+    if text := warning(config, pressure):
+        output.warn(text)
 
 
 def _with(read: Sequence[tuple[Recording, Admitted]], config: Config) -> tuple[Loaded, ...]:

@@ -6,10 +6,14 @@ from typing import Any
 
 from friction_estimator.cli import common, joints, loads, side_by_side
 from friction_estimator.cli.progress import progress
-from friction_estimator.cli.recorded import Described, Session, add_run_options, load, outputs, tell_units
+from friction_estimator.cli.recorded import Described, Session, add_run_options, load, outputs, tell_theory, tell_units
 from friction_estimator.core.errors import about
+from friction_estimator.core.model.theory_choice import has_pressure, told
+from friction_estimator.core.online.first_contact import meet
 from friction_estimator.core.online.replay import Replay, replay
-from friction_estimator.effects.extension import extension_from_config
+from friction_estimator.core.sample import Samples
+from friction_estimator.core.settings.config import Config
+from friction_estimator.effects.extension import ExtensionTerms, extension_from_config
 
 SCHEMA = "friction_estimator/replay/2"
 
@@ -43,12 +47,13 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
         result = replay(
             session.samples,
             session.config,
-            extension=extension_from_config(session.config),
+            extension=extension_as_met(session.config, session.samples),
             freeze_after=args.freeze_after,
             starts=session.starts,
             advance=advance,
         )
     tell_units(output, session.quantities, session.config, result.estimator.config)
+    tell_theory(output, result.estimator.config, session.samples)
     result = judged(session, result)
     summary = summarise(session, result, SCHEMA)
     _tell(output, summary)
@@ -66,6 +71,11 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
     return joints.outcome(summary, result)
 
 
+def extension_as_met(config: Config, samples: Samples) -> ExtensionTerms | None:
+    """Return the terms of `extension.terms` beside the model that these samples open with, as the node has them."""
+    return extension_from_config(meet(config, samples).config) if config.extension.terms else None
+
+
 def judged(session: Session, result: Replay) -> Replay:
     """Return the replay with the other recordings of the session predicted by what was learned.
 
@@ -74,7 +84,7 @@ def judged(session: Session, result: Replay) -> Replay:
     with progress("judging", sum(len(other.samples) for other in session.others)) as advance:
         others = []
         for other in session.others:
-            extension = extension_from_config(session.config)
+            extension = extension_from_config(result.config)
             others.append(result.judge(other.bags[0], other.samples, extension))
             advance(len(other.samples))
     return replace(result, others=tuple(others))
@@ -86,7 +96,8 @@ def summarise(loaded: Described, result: Replay, schema: str) -> dict[str, Any]:
     return {
         "schema": schema,
         "bags": loaded.bags,
-        "model": config.model.type,
+        "model": config.structure,
+        "theory": told(config, has_pressure(result.samples)),
         "law": config.model.law,
         "samples": loaded.counts(),
         **result.figures(),

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from friction_estimator.core.sample import Floats, Samples
+from friction_estimator.core.sample import Floats, Samples, joined
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import ALARM, BaseProblem
 from friction_estimator.diagnosis.excitation import Excitation, assess
@@ -26,6 +26,7 @@ from friction_estimator.diagnosis.result import (
     Trace,
 )
 from friction_estimator.diagnosis.search import LEAST_SHARE, Cause, Search, Searcher
+from friction_estimator.diagnosis.theory import with_theory
 from friction_estimator.diagnosis.trials import Trials
 from friction_estimator.diagnosis.words import next_experiment
 from friction_estimator.effects.base import EFFECTS, Effect
@@ -66,6 +67,7 @@ def diagnose(
     UnanswerableError : too few usable samples, or no motion.
     """
     progress("reading", 0.0)
+    config = with_theory(config, joined(recordings))
     raw = build_record(recordings, config)
     context = raw.context(config, float(np.abs(raw.friction_N).max()))
     excitation = assess(raw, context)

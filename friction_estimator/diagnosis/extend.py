@@ -11,6 +11,7 @@ from friction_estimator.diagnosis.base import BaseFit
 from friction_estimator.diagnosis.base_problem import BEND
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.result import Diagnosis
+from friction_estimator.diagnosis.theory import with_theory
 from friction_estimator.effects.base import EFFECTS, Effect
 from friction_estimator.effects.extension import TermSpec, held_variable
 from friction_estimator.effects.features import Features
@@ -37,6 +38,7 @@ def extended_config(result: Diagnosis, config: Config) -> Config:
     model can take up becomes a term of coefficient one.
     """
     model = result.models[-1]
+    config = with_theory(config, result.raw.samples)
     units = chosen(config, result.record.features.velocity_m_s, result.record.friction_N)
     base = model.base
     structure: dict[str, object] = {

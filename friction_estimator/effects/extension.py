@@ -221,7 +221,7 @@ def extension_from_config(config: Config) -> ExtensionTerms | None:
 
 def sign_velocity(config: Config, top_m_s: float) -> float:
     """Return v_s of the smooth sign for a drive of this top speed, m/s."""
-    if config.theory.kind == "seal":
+    if config.theory_kind == "seal":
         return min(config.seal.sign_velocity, top_m_s / SIGN_SHARE)
     return top_m_s / SIGN_SHARE_WITHOUT_THEORY
 
@@ -233,7 +233,7 @@ def reference_from_config(config: Config) -> Reference:
     """
     top = config.velocity_scale or NO_VELOCITY
     smooth = sign_velocity(config, top)
-    theory = theory_from_config(config)
+    theory = theory_from_config(config) if config.has_theory else None
     learned = config.learned
     taps = np.array(learned.fir_taps or (1.0,))
     theory_gain = theory_scale(config, theory) * (float(np.sum(learned.theory_taps)) if learned.theory_taps else 1.0)

@@ -11,6 +11,7 @@ from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.model.basis import WaveletBasis
 from friction_estimator.core.model.structure import Model
 from friction_estimator.core.model.theory_seal import SealCurve
+from friction_estimator.core.model.theory_stribeck import StribeckCurve
 from friction_estimator.export.formats import FORMATS, Exported
 from friction_estimator.export.learned import Learned
 
@@ -110,6 +111,12 @@ def _theory(model: Model) -> tuple[str, dict[str, Any]]:
     """Return the template of the theoretical curve and its values."""
     if model.theory is None or not model.split(model.initial_theta()).theory_taps.size:
         return "no_theory.h.in", {"name": NAME}
+    if isinstance(model.theory, StribeckCurve):
+        return "stribeck_curve.h.in", {
+            "name": NAME,
+            "THEORY_SCALE": float(model.theory_scale),
+            **model.theory.constants,
+        }
     if not isinstance(model.theory, SealCurve):
         raise ConfigError(
             f"theory.kind {model.config.theory.kind} has no form in C yet: export the static curve by --format csv"

@@ -13,7 +13,8 @@ from friction_estimator.core.model.basis import WaveletBasis
 from friction_estimator.core.model.structure import Model
 from friction_estimator.core.model.theory_seal import SealCurve
 from friction_estimator.core.sample import Floats
-from friction_estimator.core.settings.groups import BasisConfig, SealConfig
+from friction_estimator.core.settings.groups import BasisConfig
+from friction_estimator.core.settings.theory_groups import SealConfig
 from friction_estimator.paper.claims import Claim, below, geometric_mean, listed, verdict
 from friction_estimator.paper.study import MODELS, Plan, derived, record
 from friction_estimator.rig.drive import CONDITIONS, PA_PER_PSI, celsius

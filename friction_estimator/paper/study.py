@@ -117,7 +117,9 @@ def record(plan: Plan, condition: str, seed: int, rate_hz: float | None = None) 
 
 def derived(samples: Samples, model: str, **changes: object) -> Config:
     """Return the default configuration with units from the recording."""
-    values = {"model.type": model} | {name.replace("__", "."): value for name, value in changes.items()}
+    values = {"model.type": model, "theory.kind": "seal"} | {
+        name.replace("__", "."): value for name, value in changes.items()
+    }
     return chosen(Config.from_mapping(values), samples.velocity_m_s, samples.friction_N)
 
 

@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from friction_estimator.core.model.theory_seal import SealCurve
 from friction_estimator.core.online.adaptation import LAWS
 from friction_estimator.core.sample import Floats
-from friction_estimator.core.settings.groups import SealConfig
+from friction_estimator.core.settings.theory_groups import SealConfig
 from friction_estimator.paper.study import BATCH, Study, static_curves
 from friction_estimator.report import style
 from friction_estimator.rig.drive import CONDITIONS, PA_PER_PSI, celsius

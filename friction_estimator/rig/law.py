@@ -12,7 +12,7 @@ from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.model.theory_seal import SealCurve
 from friction_estimator.core.quantities import LINEAR
 from friction_estimator.core.sample import Floats
-from friction_estimator.core.settings.groups import SealConfig
+from friction_estimator.core.settings.theory_groups import SealConfig
 from friction_estimator.effects.trace import Trace
 
 Law = Callable[[Trace], Floats]

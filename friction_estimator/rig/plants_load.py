@@ -7,7 +7,7 @@ import numpy as np
 
 from friction_estimator.core.quantities import ROTARY
 from friction_estimator.core.sample import Floats
-from friction_estimator.core.settings.groups import SealConfig
+from friction_estimator.core.settings.theory_groups import SealConfig
 from friction_estimator.effects.trace import Trace
 from friction_estimator.rig.law import Plant
 

@@ -7,7 +7,7 @@ import numpy as np
 from friction_estimator.compiled import njit
 from friction_estimator.core.model.theory_seal import SealCurve
 from friction_estimator.core.sample import Floats
-from friction_estimator.core.settings.groups import SealConfig
+from friction_estimator.core.settings.theory_groups import SealConfig
 from friction_estimator.effects.trace import Trace
 from friction_estimator.rig.law import Plant, static_theory
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from friction_estimator.core.model.theory_seal import SealCurve
 from friction_estimator.core.sample import Floats
-from friction_estimator.core.settings.groups import SealConfig
+from friction_estimator.core.settings.theory_groups import SealConfig
 from friction_estimator.effects.trace import Trace
 from friction_estimator.rig.law import Plant, entrainment, filtered, lagged, on_film, static_theory
 

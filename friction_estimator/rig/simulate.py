@@ -13,7 +13,7 @@ from friction_estimator.core.model.oil import checked_temperature
 from friction_estimator.core.model.theory_seal import SealCurve
 from friction_estimator.core.sample import Floats, Ints, Samples, in_sequence
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.groups import SealConfig
+from friction_estimator.core.settings.theory_groups import SealConfig
 from friction_estimator.effects import STAGES, Effect, Trace, compose
 from friction_estimator.rig.drive import Segment, celsius, run_drive
 from friction_estimator.rig.plant import PLANTS, Law

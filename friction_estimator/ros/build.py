@@ -5,6 +5,7 @@ from dataclasses import replace
 from friction_estimator.core.intake.pairing import FRICTION, VELOCITY
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.settings.config import Config
+from friction_estimator.core.online.first_contact import NO_SAMPLES, refined
 from friction_estimator.core.settings.units import NO_FORCE, NO_VELOCITY
 from friction_estimator.ros.stream import SampleStream
 
@@ -30,13 +31,16 @@ def supposed(config: Config) -> Config:
         values |= {"learned.velocity_range": (-NO_VELOCITY, NO_VELOCITY), "learned.velocity_scale": NO_VELOCITY}
     if not config.unit_N > 0.0:
         values["learned.force_unit"] = NO_FORCE
-    return config.updated(values)
+    known = config.updated(values)
+    if known.is_parallel and known.theory_kind == "auto":
+        known = known.updated({"learned.theory": "seal"})
+    return known if known.has_theory or not known.finds_stribeck else refined(known, NO_SAMPLES)
 
 
 def warm_up() -> None:
     """Compile the sample loops, so that the first sample is not late by seconds."""
-    for model in ("hammerstein", "parallel"):
-        config = supposed(Config.from_mapping({"model.type": model}))
+    for kind in ("none", "seal", "stribeck"):
+        config = supposed(Config.from_mapping({"theory.kind": kind}))
         stream = SampleStream(config, build, lambda *_: None)
         stream.begin(config)
         for stamp_ns in (1, 2):

@@ -11,6 +11,7 @@ from rclpy.node import Node
 from friction_estimator.core.errors import ConfigError, FrictionEstimatorError, sentence
 from friction_estimator.core.fit.band import Curve
 from friction_estimator.core.model.structure import Parameters
+from friction_estimator.core.model.theory_choice import told as theory_told
 from friction_estimator.core.online.estimator import CHOSEN, Estimator, stated_config
 from friction_estimator.core.quantities import FORCE, VELOCITY, Quantities
 from friction_estimator.core.sample import Samples
@@ -123,13 +124,20 @@ class EstimatedJoint:
         self._curve = None
         self.stream.begin(self.config, estimator if self.config.is_met else None)
         if self.stream.meeting:
-            unset = " and ".join(name for name in ("basis.velocity_range", "force_unit") if not self._known(name))
+            unset = ", ".join(self._open())
             self._log.info(
                 f"first contact: {unset} come from the first samples; nothing is published before ({STILL_NEEDED})"
             )
 
-    def _known(self, name: str) -> object:
-        return self.config.reach if name == "basis.velocity_range" else self.config.unit_N
+    def _open(self) -> list[str]:
+        """Return the names of what the first contact has to say."""
+        config = self.config
+        known = {
+            "basis.velocity_range": config.reach is not None,
+            "force_unit": config.unit_N > 0.0,
+            "theory.kind": config.has_theory or not config.is_parallel,
+        }
+        return [name for name, value in known.items() if not value]
 
     def _trial(self, config: Config) -> Estimator:
         """Return an estimator of the parameters, with units of no meaning where they are open.
@@ -174,7 +182,9 @@ class EstimatedJoint:
         told = f"first contact ended, {self.stream.held_back} samples waited"
         if self.stream.dropped:
             told += f" and {self.stream.dropped} before them were let go"
-        self._log.info(f"{told}: {_units_of(config, self.quantities)}; ~/reset forgets that")
+        told += f": {_units_of(config, self.quantities)}, "
+        told += f"theoretical curve {theory_told(config, self.stream.has_pressure)}"
+        self._log.info(f"{told}; ~/reset forgets that")
         self._on_backlog()
         return estimator
 

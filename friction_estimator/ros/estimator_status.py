@@ -6,6 +6,8 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from friction_estimator.core.fit.band import Curve
+from friction_estimator.core.model.theory_choice import told as theory_told
+from friction_estimator.core.model.theory_choice import warning as theory_warning
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.quantities import Quantities
 from friction_estimator.ros.estimated_joint import STILL_NEEDED, EstimatedJoint
@@ -69,7 +71,7 @@ class EstimatorStatus:
         values["arrival to prediction max (ms)"] = f"{account.longest_ms:.3f}"
         if stream.estimator is not None:
             health = stream.estimator.health
-            values |= _account(stream.estimator, curve, quantities)
+            values |= _account(stream.estimator, curve, quantities, stream.has_pressure)
             if stream.predictions:
                 values[f"velocity seen ({quantities.velocity})"] = _interval(stream.velocity_seen)
             if health.held:
@@ -85,6 +87,8 @@ class EstimatorStatus:
                 words = f"velocity outside {_reach(stream.estimator)} {quantities.velocity}: nothing is learned there"
             if self._growth.of("guarded", health.guarded):
                 level, words = DiagnosticStatus.WARN, "the divergence guard held a step back"
+            if warning := theory_warning(stream.estimator.config, stream.has_pressure):
+                level, words = DiagnosticStatus.WARN, warning
             if stream.working_off:
                 level, words = DiagnosticStatus.WARN, f"catching up: {stream.held_back} samples wait for their turn"
         if level == DiagnosticStatus.OK and share > FULL_SHARE:
@@ -109,12 +113,15 @@ class EstimatorStatus:
         return level, words, values
 
 
-def _account(estimator: Estimator, curve: Curve | None, quantities: Quantities) -> dict[str, Any]:
+def _account(
+    estimator: Estimator, curve: Curve | None, quantities: Quantities, pressure: bool
+) -> dict[str, Any]:
     """Return what the estimator says about itself."""
     health, config = estimator.health, estimator.config
     given, unit = config.basis.velocity_range, config.force_unit
     values = {
-        "model": config.model.type,
+        "model": config.structure,
+        "theory": theory_told(config, pressure),
         "law": config.model.law,
         f"running error rms ({quantities.force})": f"{health.error_rms_N:.6g}",
         "learned from": health.learned,

@@ -9,6 +9,7 @@ import numpy as np
 from friction_estimator.core.errors import FrictionEstimatorError
 from friction_estimator.core.intake.admission import Intake
 from friction_estimator.core.intake.pairing import FRICTION, POSITION, PRESSURE, TEMPERATURE, VELOCITY
+from friction_estimator.core.model.theory_choice import has_pressure
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.online.live import CAPACITY, Events, LiveStep, Prediction
 from friction_estimator.core.sample import Samples
@@ -128,6 +129,14 @@ class SampleStream:
         """Samples that waited and were let go: too many, or the wait was given up."""
         contact = self._step.contact if self._step is not None else None
         return self._dropped + (contact.dropped if contact is not None else 0)
+
+    @property
+    def has_pressure(self) -> bool:
+        """Whether a pressure is recorded: with the samples of the first contact while it lasts, then at all."""
+        contact = self._step.contact if self._step is not None else None
+        if contact is not None:
+            return has_pressure(contact.queue()[: contact.chosen_from or None])
+        return bool(np.isfinite(self._held[0]))
 
     @property
     def conditions(self) -> Samples:

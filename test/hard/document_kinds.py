@@ -19,7 +19,13 @@ from friction_estimator.documents.configuration import read_config, write_config
 from friction_estimator.effects.extension import extension_from_config
 from friction_estimator.ros.state import dumps, read_state
 
-_BASE = {"basis.velocity_range": [-0.12, 0.12], "force_unit": 5.0, "fir.order": 2, "basis.finest_level": 1}
+_BASE = {
+    "theory.kind": "seal",
+    "basis.velocity_range": [-0.12, 0.12],
+    "force_unit": 5.0,
+    "fir.order": 2,
+    "basis.finest_level": 1,
+}
 _TERMS = ("inertia", "side_spring:centre=0.0", "viscosity_drift:time_constant=30.0,from=0.0,to=9.0")
 _ANNOTATED = Path(__file__).parents[2] / "config" / "estimator.yaml"
 

@@ -30,7 +30,8 @@ LEAST_SHARE = 1e-9
 """Least share of a variance that conditioning leaves: below, rounding would make the covariance indefinite."""
 
 PARALLEL_SHARE = 0.4
-"""Of `prior.tap_deviation` in the parallel model: both filters act on the same reversals."""
+"""Of `prior.tap_deviation` in the parallel model: both filters act on the same reversals. A Stribeck curve that was
+found from the drive's own samples leaves little to g, and its filter has the dynamics for itself: it takes all."""
 
 METRIC_SLOPE, METRIC_TAP, PARALLEL_METRIC_TAP = 0.5, 0.1, 0.03
 """Of nlms: exponent of a weight's level, and deviations of taps against coarse weights. In the parallel model g starts
@@ -87,7 +88,8 @@ class Prior:
         if model.load.even:
             step = ASYMMETRY_DEVIATION * even_step(model, nonlinear)
             nonlinear = nonlinear + np.outer(step, step)
-        shared = settings.tap_deviation * (PARALLEL_SHARE if theory_taps else 1.0)
+        alone = not theory_taps or model.config.finds_stribeck
+        shared = settings.tap_deviation * (1.0 if alone else PARALLEL_SHARE)
         decay = settings.tap_decay
         covariance = block_diag(
             impulse_response(taps, shared, decay, settings.gain_deviation)

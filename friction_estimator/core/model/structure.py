@@ -20,6 +20,7 @@ from friction_estimator.core.model.basis import Basis, basis_from_config
 from friction_estimator.core.model.load import LoadTerms
 from friction_estimator.core.model.prediction import THEORY_TAPS
 from friction_estimator.core.model.theory import TheoryCurve, theory_from_config
+from friction_estimator.core.model.theory_choice import rms_over_unit, scale_points
 from friction_estimator.core.sample import Bools, Floats, Ints, Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.groups import LARGEST_PARAMETER
@@ -44,8 +45,6 @@ class Extension(Protocol):
 
 PLAUSIBLE_SCALE = 30.0
 """A theoretical curve further off in scale than this factor, up or down, is used for its shape only."""
-
-SCALE_POINTS = 256
 
 
 @dataclass(frozen=True)
@@ -95,17 +94,12 @@ def check_count(name: str, given: int, wanted: int) -> None:
 def theory_scale(config: Config, theory: TheoryCurve | None) -> float:
     """Return the factor on the theoretical curve: 1, or what gives it the rms `force_unit` where it is far off.
 
-    A curve for another machine (forces 1000 times larger, say) would otherwise dominate every regressor.
+    A curve for another machine (forces 1000 times larger, say) would otherwise dominate every regressor. One that was
+    found from samples has their scale.
     """
-    if theory is None or not config.is_met:
+    if theory is None or not config.has_units or config.finds_stribeck:
         return 1.0
-    low, high = -config.velocity_scale, config.velocity_scale  # which stays when the range grows
-    curve = theory.evaluate(
-        low + (high - low) * (np.arange(SCALE_POINTS) + 0.5) / SCALE_POINTS,
-        np.full(SCALE_POINTS, config.theory.default_pressure),
-        np.full(SCALE_POINTS, config.theory.default_temperature),
-    )
-    ratio = float(np.sqrt(np.mean(np.square(curve))) / config.unit_N)
+    ratio = rms_over_unit(config, theory.evaluate(*scale_points(config)))
     plausible = 1.0 / PLAUSIBLE_SCALE <= ratio <= PLAUSIBLE_SCALE
     return 1.0 if plausible or not ratio > 0.0 else 1.0 / ratio
 
@@ -132,11 +126,11 @@ class Model:
         self.config = config
         self.unit_N = config.unit_N
         self.basis: Basis = basis_from_config(config)
-        self.theory: TheoryCurve | None = theory_from_config(config)
+        self.theory: TheoryCurve | None = theory_from_config(config) if config.is_parallel else None
         self.load = LoadTerms(config)
         self.extension = extension
         taps = config.fir.order + 1
-        theory_taps = taps if config.model.type == "parallel" else 0
+        theory_taps = taps if config.is_parallel else 0
         columns = self.load.size + (extension.size if extension else 0)
         self.shape: Ints = np.array([taps, self.basis.size, theory_taps, columns], np.int64)
         self._edges = np.cumsum(self.shape)

@@ -17,12 +17,19 @@ What a user writes into a configuration does raise: ConfigError, at construction
 from collections.abc import Callable
 from typing import Protocol
 
+from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.model.theory_seal import SealCurve
+from friction_estimator.core.model.theory_stribeck import Stribeck, StribeckCurve
 from friction_estimator.core.model.theory_table import TableCurve
 from friction_estimator.core.model.theory_table_file import read_table
 from friction_estimator.core.registry import Registry
 from friction_estimator.core.sample import Floats
 from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.groups import LARGEST_SPEED
+from friction_estimator.core.settings.units import NO_VELOCITY
+
+SIGN_SHARE, FALL_SHARE = 0.01, 0.1
+"""Of a Stribeck curve that is given without them: velocity of the smooth sign and Stribeck velocity over the scale."""
 
 
 class TheoryCurve(Protocol):
@@ -63,6 +70,11 @@ def _seal(config: Config) -> TheoryCurve:
     return SealCurve(config.seal, config.theory.default_pressure, config.theory.default_temperature)
 
 
+@THEORIES.named("stribeck")
+def _stribeck(config: Config) -> TheoryCurve:
+    return StribeckCurve(given_stribeck(config) or Stribeck.of(config.learned.stribeck, "learned.stribeck"))
+
+
 @THEORIES.named("table")
 def _table(config: Config) -> TheoryCurve:
     return TableCurve(
@@ -81,6 +93,25 @@ def theory_from_config(config: Config) -> TheoryCurve | None:
     Raises
     ------
     ConfigError
-        For an unknown kind, parameters that make no curve, or a table that cannot be used (names file and row).
+        For an unknown kind, parameters that make no curve, a table that cannot be used (names file and row), or auto
+        before it is known what that comes to.
     """
-    return THEORIES[config.theory.kind](config)
+    if config.theory_kind == "auto" or not config.has_theory:
+        raise ConfigError(
+            f"theory.kind is {config.theory.kind} and no first contact was made: give samples to choose by, set "
+            "theory.kind to seal or table, or stribeck.coulomb"
+        )
+    return THEORIES[config.theory_kind](config)
+
+
+def given_stribeck(config: Config) -> Stribeck | None:
+    """Return the curve of `stribeck.*`, or None where that leaves it to the samples; raises ConfigError."""
+    given, scale = config.stribeck, config.velocity_scale or NO_VELOCITY
+    if not given.coulomb:
+        return None
+    sides: list[float] = []
+    for name in ("coulomb", "breakaway", "viscous"):
+        values = getattr(given, name) or (0.0,)
+        sides += [values[0], values[-1]]
+    sign, fall = given.sign_velocity or SIGN_SHARE * scale, given.velocity or FALL_SHARE * scale
+    return Stribeck.of((*sides, sign, fall, given.exponent, -LARGEST_SPEED, LARGEST_SPEED), "stribeck")

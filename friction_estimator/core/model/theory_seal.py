@@ -17,7 +17,7 @@ from friction_estimator.core.model.oil import (
     walther_coefficients,
 )
 from friction_estimator.core.sample import Floats, Ints
-from friction_estimator.core.settings.groups import SealConfig
+from friction_estimator.core.settings.theory_groups import SealConfig
 
 LOWEST_GAUGE_PRESSURE_PA = -1.1e5  # below vacuum at sea level nothing is sealed
 HIGHEST_GAUGE_PRESSURE_PA = 1e9
@@ -165,6 +165,8 @@ class SealCurve:
     array([-1.23,  0.  ,  1.23])
     """
 
+    loop = staticmethod(seal_loop)
+
     def __init__(
         self,
         seal: SealConfig,
@@ -232,7 +234,7 @@ class SealCurve:
     def arguments(
         self, velocity_m_s: Floats, gauge_pressure_Pa: Floats, temperature_degC: Floats, friction_N: Floats
     ) -> tuple[Floats | Ints, ...]:
-        """Return what `seal_loop` takes to fill `friction_N`, (n,)."""
+        """Return what `loop` takes to fill `friction_N`, (n,)."""
         return velocity_m_s, gauge_pressure_Pa, temperature_degC, self._par, self._counts, friction_N
 
     def entrainment(self, velocity_m_s: Floats) -> Floats:

@@ -19,13 +19,17 @@ from friction_estimator.core.online.larger_unit import in_larger_units, units_to
 from friction_estimator.core.online.workspace import Workspace
 from friction_estimator.core.sample import Bools, Floats, Samples
 from friction_estimator.core.settings.config import PARAMETERS, Config
+from friction_estimator.core.settings.setting import Value
 from friction_estimator.core.settings.units import ALONE_ABOVE
 from friction_estimator.core.text import LONGEST_NAME, shown
 
-STATE_VERSION = 4
+STATE_VERSION = 5
+
+STATE_WITHOUT_THEORY = 4
+"""A former version, which is read too: nothing is said of the theoretical curve but its kind."""
 
 STATE_WITHOUT_KEPT = 3
-"""A former version, which is read too: no models kept aside, and three more moments of an alarm that is no more."""
+"""The one before: no models kept aside either, and three more moments of an alarm that is no more."""
 
 SINCE_THE_LOAD = ("load.terms", "load.half_width")
 """Settings that states from before there were loads do not name: those were learned without."""
@@ -41,10 +45,16 @@ STRUCTURE = (
 )
 """Settings that must agree between a state and the estimator that takes it."""
 
-THEORY_STRUCTURE = ("theory.kind", "theory.table", *(name for name in PARAMETERS if name.startswith("seal.")))
+THEORY_STRUCTURE = (
+    "theory.kind",
+    "theory.table",
+    *(name for name in PARAMETERS if name.startswith(("seal.", "stribeck."))),
+)
 """The same for the parallel model, whose theory taps belong to one curve."""
 
-CHOSEN = ("learned.velocity_range", "learned.velocity_scale", "learned.force_unit")
+CHOSEN_UNITS = ("learned.velocity_range", "learned.velocity_scale", "learned.force_unit")
+
+CHOSEN = (*CHOSEN_UNITS, "learned.theory", "learned.stribeck")
 """What the first contact chose: a state brings its own."""
 
 
@@ -333,7 +343,7 @@ class Estimator:
             work.kept_root = work.kept_root[:0]
         return {
             "version": STATE_VERSION,
-            "structure": {name: PARAMETERS[name].of(self.config) for name in self._structure()},
+            "structure": {name: structural(self.config, name) for name in self._structure()},
             "chosen": {name: PARAMETERS[name].of(self.config) for name in CHOSEN},
             "arrays": {f.name: getattr(work, f.name) for f in fields(work) if f.name not in workspace.CONSTANTS},
         }
@@ -343,7 +353,7 @@ class Estimator:
         state_check.check(self.work)
 
     def _structure(self) -> tuple[str, ...]:
-        return STRUCTURE + (THEORY_STRUCTURE if self.config.model.type == "parallel" else ())
+        return STRUCTURE + (THEORY_STRUCTURE if self.config.is_parallel else ())
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Take over a state, with the range and units that it was learned in; unchanged if it does not fit.
@@ -352,8 +362,11 @@ class Estimator:
         """
         config = stated_config(self.config, state)
         for name in self._structure():
-            before = PARAMETERS[name].default if name in SINCE_THE_LOAD else None
-            theirs, ours = state["structure"].get(name, before), PARAMETERS[name].of(self.config)
+            item = PARAMETERS[name]
+            # A former version knows no stribeck.*: what is the default now.
+            former = name.startswith("stribeck.") and state["version"] != STATE_VERSION
+            unknown = item.default if former or name in SINCE_THE_LOAD else None
+            theirs, ours = state["structure"].get(name, unknown), structural(config, name)
             if _plain(theirs) != _plain(ours):
                 told = shown(theirs, LONGEST_NAME)
                 raise ConfigError(f"state was learned with {name} = {told}, this estimator has {ours}")
@@ -371,17 +384,26 @@ def stated_config(config: Config, state: Mapping[str, Any]) -> Config:
 
     Raises ConfigError for a state of another version, or one that names no range.
     """
-    if state.get("version") not in (STATE_VERSION, STATE_WITHOUT_KEPT):
+    version = state.get("version")
+    if version not in (STATE_VERSION, STATE_WITHOUT_THEORY, STATE_WITHOUT_KEPT):
         raise ConfigError(
-            f"state has version {shown(state.get('version'), LONGEST_NAME)}, this program reads {STATE_VERSION}: "
+            f"state has version {shown(version, LONGEST_NAME)}, this program reads {STATE_VERSION}: "
             "delete it to start cold"
         )
     chosen, structure = state.get("chosen"), state.get("structure")
-    if not isinstance(chosen, Mapping) or not isinstance(structure, Mapping) or set(chosen) != set(CHOSEN):
+    names = CHOSEN if version == STATE_VERSION else CHOSEN_UNITS
+    if not isinstance(chosen, Mapping) or not isinstance(structure, Mapping) or set(chosen) != set(names):
         raise ConfigError("state does not say which range and units it was learned in: delete it to start cold")
     nothing: dict[str, Any] = dict.fromkeys(LEARNED, ())
     learned = replace(config.learned, **nothing)
+    if version != STATE_VERSION and structure.get("theory.kind") == "seal":
+        learned = replace(learned, theory="seal")
     return replace(config, learned=learned).updated(chosen)
+
+
+def structural(config: Config, name: str) -> Value:
+    """Return a setting that a state depends on; of the theoretical curve, what auto has come to."""
+    return config.theory_kind if name == "theory.kind" else PARAMETERS[name].of(config)
 
 
 def _plain(value: Any) -> Any:

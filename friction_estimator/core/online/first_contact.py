@@ -4,15 +4,24 @@ Where the configuration leaves `basis.velocity_range` or `force_unit` open, samp
 itself (`settings.units`). The choice depends on the samples up to there only, so a recording and a live
 stream of the same samples choose alike; then all that waited are predicted in order. What was chosen is learned
 (`learned.velocity_range`, `learned.velocity_scale`, `learned.force_unit`): it wins over the rule until a reset.
+
+So is the theoretical curve of a parallel model: what `theory.kind` auto comes to (`learned.theory`), and the Stribeck
+curve where nobody gave one (`learned.stribeck`).
 """
 
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
+from friction_estimator.core.fit.stribeck import found_stribeck, unknown_stribeck
+from friction_estimator.core.intake.standstill import standstill
 from friction_estimator.core.model.load import friction_alone
+from friction_estimator.core.model.theory_choice import choice, has_pressure
 from friction_estimator.core.sample import Samples, in_sequence
+from friction_estimator.core.settings import units
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.units import chosen, shown
+from friction_estimator.core.settings.units import shown
 
 LARGEST_QUEUE = 2**19
 """Samples that wait at the most (some nine minutes at 1 kHz, 30 MB); then the oldest quarter is let go."""
@@ -78,9 +87,10 @@ class FirstContact:
         self._count += len(samples)
         while self._look <= self._count:
             kept = self.queue()
-            if shown(kept[: self._look]):
+            first = kept[: self._look]
+            if shown(first) or seal_at_once(self._config, first):
                 self._chosen_from = self._look
-                return self._choose(kept[: self._look])
+                return chosen(self._config, first)
             self._look = max(self._look + FIRST_LOOK, math.ceil(LOOK_GROWTH * self._look))
             if self._look > LARGEST_QUEUE:
                 self._let_go(kept)
@@ -90,10 +100,7 @@ class FirstContact:
         """Return the configuration from what there is: no sample will follow."""
         kept = self.queue()
         self._chosen_from = len(kept)
-        return self._choose(kept)
-
-    def _choose(self, samples: Samples) -> Config:
-        return chosen(self._config, samples.velocity_m_s, friction_alone(self._config, samples))
+        return chosen(self._config, kept)
 
     def queue(self) -> Samples:
         """Return the samples that wait, in order."""
@@ -128,3 +135,34 @@ def meet(config: Config, samples: Samples) -> Contact:
     contact = FirstContact(config)
     met = contact.push(samples)
     return Contact(met or contact.finish(), contact.chosen_from, contact.dropped, met is not None)
+
+
+def chosen(config: Config, samples: Samples) -> Config:
+    """Return the configuration with what is open filled in from these samples: range, units, theoretical curve.
+
+    The first contact gives it its first samples; batch fits, which know them all, give all that they fit.
+    """
+    met = units.chosen(config, samples.velocity_m_s, friction_alone(config, samples))
+    if not met.is_parallel or met.has_theory:
+        return met
+    if met.theory_kind == "auto":
+        met = met.updated({"learned.theory": choice(met, has_pressure(samples)).kind})
+    return refined(met, samples) if met.finds_stribeck else met
+
+
+def refined(config: Config, samples: Samples) -> Config:
+    """Return the configuration with the Stribeck curve that these samples say."""
+    moving = ~standstill(samples, config.velocity_scale)
+    friction = friction_alone(config, samples)
+    found = found_stribeck(samples.velocity_m_s[moving], friction[moving])
+    return config.updated({"learned.stribeck": (found or unknown_stribeck(config)).values})
+
+
+def seal_at_once(config: Config, samples: Samples) -> bool:
+    """Return whether nothing is open but the curve, and that is the seal: nothing of the drive need be seen."""
+    if not config.has_units or config.theory_kind != "auto":
+        return False
+    return choice(config, has_pressure(samples)).kind == "seal"
+
+
+NO_SAMPLES = Samples(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros(0, np.bool_))

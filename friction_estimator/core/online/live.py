@@ -3,7 +3,7 @@
 `Intake.push` and `Estimator.run` take arrays and spend, on arrays of one, ten times as long on checks, views and
 small allocations as in the kernels. `LiveStep` calls the same kernels on arrays that it allocates once. The result is
 that of `Intake.push` and `Estimator.run` bit for bit, which a test asserts; whatever is not the usual case (several
-samples at once, a load, extension terms, a curve other than the seal's) goes through those two.
+samples at once, a load, extension terms, a table for theory) goes through those two.
 """
 
 from collections import deque
@@ -17,7 +17,8 @@ from friction_estimator.core.intake.admission import Intake
 from friction_estimator.core.intake.encoder import unwrap
 from friction_estimator.core.intake.pairing import HELD, POSITION, PRESSURE, USED, Pairs, admit, pair
 from friction_estimator.core.model.basis import WaveletBasis, wavelet_rows
-from friction_estimator.core.model.theory_seal import SealCurve, seal_loop
+from friction_estimator.core.model.theory_seal import SealCurve
+from friction_estimator.core.model.theory_stribeck import StribeckCurve
 from friction_estimator.core.online import kernels
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.online.first_contact import FirstContact
@@ -209,16 +210,17 @@ class LiveStep(Events):
             model.extension is None
             and self.intake.plain
             and isinstance(basis, WaveletBasis)
-            and isinstance(curve, SealCurve | None)
+            and isinstance(curve, SealCurve | StribeckCurve | None)
         )
         if not isinstance(basis, WaveletBasis) or not self._usual:
             return
         index, row = np.zeros((1, basis.width), np.int32), np.zeros((1, basis.width))
         self._low, self._high = basis.reach
         self._rows = basis.row_arguments(self._velocity, index, row, self._cell)
-        self._seal = (
-            curve.arguments(self._velocity, self._pressure, self._temperature, self._theory)
-            if isinstance(curve, SealCurve)
+        self._curve = curve if isinstance(curve, SealCurve | StribeckCurve) else None
+        self._curve_arguments = (
+            self._curve.arguments(self._velocity, self._pressure, self._temperature, self._theory)
+            if self._curve is not None
             else ()
         )
         self._arguments = (
@@ -251,11 +253,11 @@ class LiveStep(Events):
         velocity = self._velocity.item()
         friction = self._sign * self._friction.item()
         wavelet_rows(*self._rows)
-        if self._seal:
+        if self._curve is not None:
             pressure, temperature, _ = self._held[0].tolist()
             self._pressure[0] = pressure - self._ambient if isfinite(pressure) else self._default_pressure
             self._temperature[0] = temperature if isfinite(temperature) else self._default_temperature
-            seal_loop(*self._seal)
+            self._curve.loop(*self._curve_arguments)
             self._theory[0] = self._theory_scale * self._theory.item() / unit
         self._target[0] = friction / unit
         self._beyond[0] = 0.0 if self._low <= velocity <= self._high else self._model.beyond(self._velocity).item()

@@ -284,13 +284,12 @@ def replay(
         indices.append(part.stop - 1)
         snapshots.append(estimator.parameters)
         advance(part.stop - part.start)
-    parallel = config.model.type == "parallel"
     curve, outlook = curves_of(estimator, samples, learn)
     return Replay(
         config=config,
         samples=samples,
         predicted_N=predicted,
-        theory_N=estimator.model.theoretical_friction(samples) if parallel else None,
+        theory_N=estimator.model.theoretical_friction(samples) if config.is_parallel else None,
         learned=learn,
         snapshot_index=indices,
         snapshots=snapshots,

@@ -27,13 +27,12 @@ from friction_estimator.core.settings.groups import (
     PriorConfig,
     PublishConfig,
     RlsConfig,
-    SealConfig,
     StateConfig,
     SyncConfig,
-    TheoryConfig,
 )
 from friction_estimator.core.settings.joints import plain_names
 from friction_estimator.core.settings.setting import Parameter, Value, setting, walk
+from friction_estimator.core.settings.theory_groups import SealConfig, StribeckConfig, TheoryConfig
 
 
 @dataclass(frozen=True)
@@ -58,6 +57,7 @@ class Config:
     rls: RlsConfig = RlsConfig()
     theory: TheoryConfig = TheoryConfig()
     seal: SealConfig = SealConfig()
+    stribeck: StribeckConfig = StribeckConfig()
     input: InputConfig = InputConfig()
     sync: SyncConfig = SyncConfig()
     publish: PublishConfig = PublishConfig()
@@ -109,7 +109,8 @@ class Config:
         if self.learned.wavelet_weights and not self.is_met:
             raise ConfigError(
                 "learned.wavelet_weights come without the range and unit that they were learned in: give "
-                "learned.velocity_range, learned.velocity_scale and learned.force_unit with them, or leave them out"
+                "learned.velocity_range, learned.velocity_scale and learned.force_unit with them, and learned.stribeck "
+                "where theory.kind is stribeck, or leave them out"
             )
         if plain_names(self.input.joints) and self.input.mode != "joint_state":
             raise ConfigError(
@@ -117,11 +118,11 @@ class Config:
             )
         if self.input.friction_sign == 0:
             raise ConfigError("input.friction_sign is 0: give 1 or -1")
-        if self.model.type == "parallel" and self.theory.kind == "none":
-            raise ConfigError(
-                "model.type parallel needs a theoretical curve, and theory.kind is none: "
-                "set theory.kind to seal or table, or model.type to hammerstein"
-            )
+        if (self.stribeck.breakaway or self.stribeck.viscous) and not self.stribeck.coulomb:
+            raise ConfigError("stribeck.coulomb is empty: give it with the rest of stribeck.* (0 for none), or nothing")
+        for name in ("coulomb", "breakaway", "viscous"):
+            if len(getattr(self.stribeck, name)) > 2:
+                raise ConfigError(f"stribeck.{name}: give one value, or [at negative velocity, at positive velocity]")
         if self.theory.kind == "table" and not self.theory.table:
             raise ConfigError("theory.kind is table and theory.table is empty: name the CSV file")
 
@@ -150,9 +151,42 @@ class Config:
         return Quantities(ROTARY if rotary else LINEAR)
 
     @property
-    def is_met(self) -> bool:
-        """Whether range and units are known, so that a model can be built."""
+    def theory_kind(self) -> str:
+        """Kind of the theoretical curve: `theory.kind`, or what auto has come to; auto before the first contact."""
+        if self.theory.kind != "auto":
+            return self.theory.kind
+        # Files of versions whose default was the seal do not say so.
+        return self.learned.theory or ("seal" if self.learned.wavelet_weights else "auto")
+
+    @property
+    def is_parallel(self) -> bool:
+        """Whether the model has a theoretical curve: `model.type` parallel, and a theory of any kind but none."""
+        return self.model.type == "parallel" and self.theory.kind != "none"
+
+    @property
+    def structure(self) -> str:
+        """The structure that is run, parallel or hammerstein."""
+        return "parallel" if self.is_parallel else "hammerstein"
+
+    @property
+    def finds_stribeck(self) -> bool:
+        """Whether the theoretical curve is a Stribeck curve that samples say."""
+        return self.theory_kind == "stribeck" and not self.stribeck.coulomb
+
+    @property
+    def has_theory(self) -> bool:
+        """Whether the theoretical curve is known: chosen, and found where it is the samples that say it."""
+        return self.theory_kind != "auto" and bool(self.learned.stribeck or not self.finds_stribeck)
+
+    @property
+    def has_units(self) -> bool:
+        """Whether range and units are known."""
         return self.reach is not None and self.unit_N > 0.0
+
+    @property
+    def is_met(self) -> bool:
+        """Whether range, units and the theory of a parallel model are known, so that a model can be built."""
+        return self.has_units and (self.has_theory or not self.is_parallel)
 
     def to_mapping(self) -> dict[str, Value]:
         """Return every value under its dotted name."""
