@@ -188,13 +188,11 @@ def test_wrong_uses_say_what_to_do_in_one_line(words, code, says, capsys):
     assert len(err.strip().splitlines()) == 1
 
 
-def test_parallel_without_a_theory_is_refused(tmp_path, capsys):
+def test_parallel_without_a_theory_is_hammerstein_and_says_so(tmp_path, capsys):
     config = tmp_path / "none.yaml"
     config.write_text("/**:\n  ros__parameters:\n    theory:\n      kind: none\n")
-    assert run(DEMO, "--config", config) == 2
-    assert "theory.kind" in capsys.readouterr().err
-    config.write_text("/**:\n  ros__parameters:\n    theory: {kind: none}\n    model: {type: hammerstein}\n")
     assert run(DEMO, "--config", config) == 0
+    assert "theory.kind is none, so parallel is run as hammerstein" in capsys.readouterr().out
 
 
 def test_force_unit_is_blind_to_spikes_and_standstill():

@@ -14,13 +14,15 @@ from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.diagnosis.record import build_record
 from friction_estimator.effects import EFFECTS
 
+SEAL = Config.from_mapping({"theory.kind": "seal"})
+
 LATE = ["time_delay:delay=0.003", "time_delay:delay=0.02", "sensor_lowpass:time_constant=0.009", ""]
 
 
 @pytest.fixture(scope="module", params=LATE)
 def problem(request: pytest.FixtureRequest) -> BaseProblem:
     hidden = [request.param] if request.param else []
-    return BaseProblem(build_record([record(hidden)], Config()), Config(), Capacity(SPLINES, 8))
+    return BaseProblem(build_record([record(hidden)], Config()), SEAL, Capacity(SPLINES, 8))
 
 
 def test_the_base_fit_descends_to_where_its_tangent_promises_no_more(problem: BaseProblem) -> None:
@@ -49,9 +51,9 @@ def test_theory_and_mismatch_may_have_unlike_memories(monkeypatch: pytest.Monkey
     """f = d + H g: the theory passes through, the mismatch has a memory of six samples; one FIR cannot be both."""
     data = build_record([record(plant="parallel_memory")], Config())
     rms = float(np.sqrt(np.mean(np.square(data.friction_N))))
-    assert np.std(fit_base(data, Config()).residual_N) == pytest.approx(0.01 * rms, rel=0.03)
+    assert np.std(fit_base(data, SEAL).residual_N) == pytest.approx(0.01 * rms, rel=0.03)
     monkeypatch.setattr(base_problem, "OWN_LAGS", 1e-9)
-    assert np.std(fit_base(data, Config()).residual_N) > 0.011 * rms
+    assert np.std(fit_base(data, SEAL).residual_N) > 0.011 * rms
 
 
 @pytest.mark.parametrize("plant", ["parallel_memory", "stribeck"])
@@ -95,8 +97,8 @@ def test_a_filter_is_found_within_its_interval(time_constant: float) -> None:
 
 def test_the_model_of_one_time_is_the_static_force_of_another_time() -> None:
     """A delay of three whole samples, taken in by the columns, leaves the taps what they were without it."""
-    plain = fit_base(build_record([record()], Config()), Config())
-    late = BaseProblem(build_record([record(["time_delay:delay=0.015"])], Config()), Config(), Capacity(SPLINES, 8))
+    plain = fit_base(build_record([record()], Config()), SEAL)
+    late = BaseProblem(build_record([record(["time_delay:delay=0.015"])], Config()), SEAL, Capacity(SPLINES, 8))
     moved = late.with_whole(EFFECTS["time_delay"], {"delay": 0.015})
     fit = BaseFit.of(moved, moved.fit())
     assert fit.effective_taps[:3] == pytest.approx(plain.effective_taps[:3], abs=0.03)

@@ -24,6 +24,8 @@ from friction_estimator.effects.scatter import lattice_step
 from friction_estimator.rig.drive import segment
 from friction_estimator.rig.simulate import Scenario, simulate
 
+SEAL = Config.from_mapping({"theory.kind": "seal"})
+
 N, BLOCKS = 4000, 20
 
 
@@ -106,7 +108,7 @@ def clean() -> Samples:
 
 def test_base_learns_the_clean_plant_to_the_noise(clean: Samples) -> None:
     record = build_record([clean], Config())
-    fit = fit_base(record, Config())
+    fit = fit_base(record, SEAL)
     assert fit.residual_N.std() / np.sqrt(np.mean(clean.friction_N**2)) == pytest.approx(0.01, rel=0.05)
     taps = np.concatenate([[1.0], fit.effective_taps]) / (1.0 + fit.effective_taps.sum())
     assert taps[:3] == pytest.approx([0.8, 0.15, 0.05], abs=0.02)

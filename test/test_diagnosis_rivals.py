@@ -21,6 +21,8 @@ from friction_estimator.effects.features import Context
 from friction_estimator.rig.drive import Segment, segment
 from friction_estimator.rig.simulate import Scenario, simulate
 
+SEAL = Config.from_mapping({"theory.kind": "seal"})
+
 ONE_SINE = (segment(1.0, 50.0, 24.0),)
 TWO_PERIODS = (segment(1.0, 50.0, 12.0), segment(3.0, 50.0, 12.0))
 
@@ -33,7 +35,7 @@ def made(segments: tuple[Segment, ...], hidden: str, seed: int = 2) -> Samples:
 def fitted(samples: Sequence[Samples]) -> tuple[Record, Context, Joint]:
     record = build_record(samples, Config())
     context = record.context(Config(), float(np.abs(record.friction_N).max()))
-    return record, context, JointFit(BaseProblem(record, Config(), Capacity(SPLINES, Config().fir.order)), context)()
+    return record, context, JointFit(BaseProblem(record, SEAL, Capacity(SPLINES, Config().fir.order)), context)()
 
 
 def column(name: str, model: Joint, context: Context) -> np.ndarray:
@@ -111,7 +113,7 @@ def test_the_loss_of_a_wrong_name_is_what_a_refit_finds() -> None:
 def test_a_second_period_is_simulated_to_separate_inertia_and_spring() -> None:
     record, context, model = fitted([made(ONE_SINE, "inertia:size=0.04")])
     joint = JointFit(model.base.problem, context)([Term(EFFECTS["inertia"], {})])
-    trials = Trials(joint, record, Config(), context, 0)
+    trials = Trials(joint, record, SEAL, context, 0)
     found = trials.separation(joint.terms[0], EFFECTS["side_spring"])
     shares = {outcome.drive.words.split(",")[0]: outcome.share for outcome in found}
     assert shares["a second period"] < SEPARATES
@@ -123,7 +125,7 @@ def test_a_second_period_is_simulated_to_separate_inertia_and_spring() -> None:
 def test_a_drive_that_cannot_be_simulated_says_nothing() -> None:
     record, context, model = fitted([made(ONE_SINE, "inertia:size=0.04")])
     joint = JointFit(model.base.problem, context)([Term(EFFECTS["inertia"], {})])
-    none: list[Outcome] = Trials(joint, record, Config(), replace(context, stroke_m=0.0), 0).separation(
+    none: list[Outcome] = Trials(joint, record, SEAL, replace(context, stroke_m=0.0), 0).separation(
         joint.terms[0], EFFECTS["side_spring"]
     )
     assert none == []

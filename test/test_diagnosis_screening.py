@@ -20,6 +20,8 @@ from friction_estimator.effects.features import Context
 from friction_estimator.rig.drive import segment
 from friction_estimator.rig.simulate import Scenario, simulate
 
+SEAL = Config.from_mapping({"theory.kind": "seal"})
+
 Fitted = tuple[Record, Context, Joint]
 
 
@@ -32,7 +34,7 @@ def fitted() -> Fitted:
     masked[700:740] = False
     record = record.with_force(record.friction_N, masked)
     context = record.context(Config(), float(np.abs(record.friction_N).max()))
-    return record, context, JointFit(BaseProblem(record, Config(), Capacity(SPLINES, Config().fir.order)), context)()
+    return record, context, JointFit(BaseProblem(record, SEAL, Capacity(SPLINES, Config().fir.order)), context)()
 
 
 def test_a_streamed_library_is_the_whole_one(fitted: Fitted, monkeypatch: pytest.MonkeyPatch) -> None:

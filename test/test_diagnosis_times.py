@@ -11,6 +11,8 @@ from friction_estimator.effects import EFFECTS, parse_effect
 from friction_estimator.rig.drive import segment
 from friction_estimator.rig.simulate import Scenario, simulate
 
+SEAL = Config.from_mapping({"theory.kind": "seal"})
+
 SEGMENTS = (segment(1.0, 50.0, 16.0), segment(4.0, 50.0, 24.0))
 
 
@@ -42,7 +44,7 @@ def test_a_delay_behind_bristles_is_found() -> None:
     samples = simulate(Scenario(SEGMENTS, plant="maxwell_slip", rate_hz=200.0, seed=4, effects=hidden)).samples
     record = build_record([samples], Config())
     context = record.context(Config(), float(np.abs(record.friction_N).max()))
-    fit = JointFit(BaseProblem(record, Config(), Capacity(SPLINES, Config().fir.order)), context)
+    fit = JointFit(BaseProblem(record, SEAL, Capacity(SPLINES, Config().fir.order)), context)
     bristles = Term(EFFECTS["presliding"], {"length": 3e-5, "spread": 1.0})
     without = fit([bristles])
     found = fit([*without.terms, Term(EFFECTS["time_delay"], {"delay": 1e-3})], without.base.coefficients)

@@ -159,7 +159,7 @@ def test_start_up_values(graph):
             "lms": {"step_size": 7.0},
             "nlms": {"step_size": "fast"},
             "basis": {"velocity_range": [-1, 0.5], "velocity_unit": float("nan")},
-            "theory": {"kind": "none"},
+            "theory": {"kind": "table"},
             "use_sim_time": 1,
             "learned": {"fir_taps": []},
         },
@@ -179,7 +179,7 @@ def test_start_up_values(graph):
         "basis.velocity_unit: nan is not a finite number",
         "seal.roughness: 3.0 is out of range",
         "unknown parameter modle.type; nearest: model.type",
-        "theory.kind",
+        "theory.kind is table and theory.table is empty",
         "use_sim_time",
     ):
         assert words in output, f"{words!r} not in\n{output}"
