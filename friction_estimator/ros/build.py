@@ -4,8 +4,8 @@ from dataclasses import replace
 
 from friction_estimator.core.intake.pairing import FRICTION, VELOCITY
 from friction_estimator.core.online.estimator import Estimator
-from friction_estimator.core.settings.config import Config
 from friction_estimator.core.online.first_contact import NO_SAMPLES, refined
+from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import NO_FORCE, NO_VELOCITY
 from friction_estimator.ros.stream import SampleStream
 
