@@ -113,9 +113,7 @@ class EstimatorStatus:
         return level, words, values
 
 
-def _account(
-    estimator: Estimator, curve: Curve | None, quantities: Quantities, pressure: bool
-) -> dict[str, Any]:
+def _account(estimator: Estimator, curve: Curve | None, quantities: Quantities, pressure: bool) -> dict[str, Any]:
     """Return what the estimator says about itself."""
     health, config = estimator.health, estimator.config
     given, unit = config.basis.velocity_range, config.force_unit
