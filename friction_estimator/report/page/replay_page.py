@@ -43,7 +43,7 @@ def replay_page(
         from friction_estimator.report.page.replay_charts import replay_charts  # noqa: PLC0415
 
         charts = replay_charts(result, q, fitted)
-    model = result.config.model.type
+    model = f"{result.config.structure} (theoretical curve {summary['theory']})"
     what = "fitted to all samples at once" if fitted else f"law {summary['law']}"
     bags = ", ".join(shown(bag, LONGEST_NAME) for bag in summary["bags"])
     return Page(
