@@ -275,7 +275,7 @@ def test_regressor_has_the_shape_of_its_effect(
         ("inertia:mass=1,mass=2", "given twice"),
         ("inertia:size=2", "out of range (0, 1]"),
         ("inertia:mass=nan", "out of range"),
-        ("gravity", "unknown effect 'gravity'"),
+        ("weight", "unknown effect 'weight'"),
     ],
 )
 def test_bad_text_is_one_clear_line(text: str, words: str) -> None:
