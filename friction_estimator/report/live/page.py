@@ -15,8 +15,9 @@ import numpy as np
 from bokeh.application import Application
 from bokeh.application.handlers.function import FunctionHandler
 from bokeh.document import Document
+from bokeh.events import DocumentReady
 from bokeh.layouts import column
-from bokeh.models import ColumnDataSource, DataRange1d, Div
+from bokeh.models import ColumnDataSource, CustomJS, DataRange1d, Div
 from bokeh.server.server import Server
 from jinja2 import Template
 from tornado.ioloop import PeriodicCallback
@@ -35,6 +36,8 @@ WINDOW_S = 10.0
 
 KEPT_ROWS = 9000
 """Rows in the browser: the window at the fastest that the node publishes."""
+
+MAP_DOTS = 1500
 
 GAP_S = 0.5
 """Between stamps farther apart no line is drawn."""
@@ -166,7 +169,12 @@ class _Page:
         self._round, self._count, self._begin_s = seen.round, max(0, seen.count - len(seen.rows)), 0.0
         self._source = ColumnDataSource({name: [] for name in COLUMNS}, name="samples")
         self._curve = ColumnDataSource({name: [] for name in ("velocity", "friction", "low", "high")})
-        self._words = Div(text="", sizing_mode="stretch_width")
+        self._map = ColumnDataSource({name: [] for name in ("velocity", "measured")})
+        self._words = Div(text="", sizing_mode="stretch_width", name="0")
+        # The browser answers what it has taken: see `follow`.
+        self._turn = 0
+        answer = CustomJS(args={"words": self._words}, code="words.name = String(words.tags[0])")
+        self._words.js_on_change("tags", answer)
         document.title = "Friction, live"
         document.template = TEMPLATE
         css = (files("friction_estimator.report.page") / "templates" / "page.css").read_text(encoding="utf-8")
@@ -175,8 +183,11 @@ class _Page:
         document.template_variables.update(topic=html.escape(topic), css=css, js=PAINT)
         self._plots = self._charts()
         document.add_root(column(self._words, *self._plots, sizing_mode="stretch_width"))
-        self.follow()
-        document.add_periodic_callback(self.follow, REDRAW_MS)
+        document.on_event(DocumentReady, self._begin)
+
+    def _begin(self, _: DocumentReady) -> None:
+        """Begin to send when there is somebody to answer."""
+        self._document.add_periodic_callback(self.follow, REDRAW_MS)
 
     def _charts(self) -> list[Plot]:
         q, source = self._quantities, self._source
@@ -194,7 +205,7 @@ class _Page:
             each.y_range.only_visible = True
         last = chart(*labels[3], height=380)
         ink(
-            last.scatter("velocity", "measured", source=source, size=2, color=INKS["measured"], alpha=0.4).glyph,
+            last.scatter("velocity", "measured", source=self._map, size=2, color=INKS["measured"], alpha=0.4).glyph,
             "measured",
         )
         band(last, "velocity", "low", "high", "predicted", "its 95 % band", source=self._curve)
@@ -202,24 +213,34 @@ class _Page:
         return [first, second, third, last]
 
     def follow(self) -> None:
-        """Show what is new."""
+        """Show what is new, once the browser has taken what was sent before.
+
+        A browser that cannot keep pace draws less often; sent on and on, it would show what was true ever longer ago.
+        """
+        if self._words.name != str(self._turn):
+            return
         seen = self._look()
         if seen.quantities != self._quantities:
             self._rename(seen.quantities)
         if seen.round != self._round:
             self._round, self._count = seen.round, max(self._count, seen.count - len(seen.rows))
             self._source.data = {name: [] for name in COLUMNS}
+            self._map.data = {name: [] for name in ("velocity", "measured")}
         rows = seen.since(self._count)[-KEPT_ROWS:]
         if len(rows):
             if not len(self._source.data["time"]):
                 self._begin_s = float(rows[0, 0])
             self._source.stream(self._columns(rows), KEPT_ROWS)
+            thin = rows[:: max(1, round(KEPT_ROWS / MAP_DOTS))]
+            self._map.stream({"velocity": thin[:, 1], "measured": thin[:, 2]}, MAP_DOTS)
         self._count = seen.count
         if seen.curve is not None and not np.array_equal(seen.curve[:, 1], self._curve.data["friction"]):
             self._curve.data = dict(zip(("velocity", "friction", "low", "high"), seen.curve.T, strict=True))
         words = _words(seen, self._begin_s)
         if words != self._words.text:
             self._words.text = words
+        self._turn += 1
+        self._words.tags = [self._turn]
 
     def _columns(self, rows: Floats) -> dict[str, Any]:
         """Return what is drawn of rows; a row of NaN interrupts the lines at a gap."""
