@@ -6,13 +6,14 @@ The thread of the samples appends a row; everything else happens in a thread of 
 import array
 import threading
 from collections import deque
+from itertools import chain
 from typing import Protocol
 
 import numpy as np
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
-from friction_estimator.core.decimation import MONITOR_COLUMNS, telling_rows
+from friction_estimator.core.decimation import MONITOR_COLUMNS, MONITOR_WIDTH, telling_rows
 from friction_estimator.core.errors import sentence
 from friction_estimator.core.sample import NS_PER_S
 
@@ -21,13 +22,13 @@ BATCH_S = 0.05
 ASK_S = 0.25
 """Time between two looks for a listener, while there is none."""
 
-MOST_ROWS = 42
-"""Rows of a batch: 840 a second draw a stroke of a second as a screen of 2000 pixels can show it."""
+MOST_ROWS = 62
+"""Rows of a batch: all samples up to 1.2 kHz, and more than a screen of 2000 pixels can tell apart in two seconds."""
 
 ROOM = 20_000
 """Samples that wait for the next batch at the most."""
 
-Row = tuple[int, float, float, float, float]
+Row = tuple[float, float, float, float, float]
 
 
 class Publishes(Protocol):
@@ -60,7 +61,7 @@ class Monitor:
     def note(self, stamp_ns: int, velocity_m_s: float, measured_N: float, predicted_N: float, stddev_N: float) -> None:
         """Take a sample."""
         if self._wanted:
-            self._rows.append((stamp_ns, velocity_m_s, measured_N, predicted_N, stddev_N))
+            self._rows.append((stamp_ns / NS_PER_S, velocity_m_s, measured_N, predicted_N, stddev_N))
 
     def close(self) -> None:
         """Publish no more."""
@@ -82,18 +83,17 @@ class Monitor:
 def batch(rows: list[Row]) -> Float64MultiArray:
     """Return the message of some samples.
 
-    >>> message = batch([(1_500_000_000, 0.1, 2.0, 1.9, 0.2)])
+    >>> message = batch([(1.5, 0.1, 2.0, 1.9, 0.2)])
     >>> [dimension.size for dimension in message.layout.dim], message.data.tolist()
     ([1, 5], [1.5, 0.1, 2.0, 1.9, 0.2])
     """
-    values = np.array(rows, np.float64)
-    values[:, 0] /= NS_PER_S
-    values = telling_rows(values, MOST_ROWS)
-    count, columns = values.shape
-    message = Float64MultiArray()
+    if len(rows) <= MOST_ROWS:
+        data = array.array("d", chain.from_iterable(rows))
+    else:
+        data = array.array("d", telling_rows(np.array(rows), MOST_ROWS).tobytes())
+    message = Float64MultiArray(data=data)
     message.layout.dim = [
-        MultiArrayDimension(label="samples", size=count, stride=values.size),
-        MultiArrayDimension(label=MONITOR_COLUMNS, size=columns, stride=columns),
+        MultiArrayDimension(label="samples", size=len(data) // MONITOR_WIDTH, stride=len(data)),
+        MultiArrayDimension(label=MONITOR_COLUMNS, size=MONITOR_WIDTH, stride=MONITOR_WIDTH),
     ]
-    message.data = array.array("d", values.tobytes())
     return message

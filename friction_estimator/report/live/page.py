@@ -34,7 +34,7 @@ REDRAW_MS = 100
 
 WINDOW_S = 10.0
 
-KEPT_ROWS = 9000
+KEPT_ROWS = 13_000
 """Rows in the browser: the window at the fastest that the node publishes."""
 
 MAP_DOTS = 1500
