@@ -14,6 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from friction_estimator.core import metrics
 from friction_estimator.core.fit.band import Curve
+from friction_estimator.core.model.load import LoadTerms, SampleMotion
 from friction_estimator.core.online.replay import Replay
 from friction_estimator.core.quantities import FORCE, VELOCITY, Quantities
 from friction_estimator.core.sample import Bools, Floats, Samples
@@ -163,7 +164,7 @@ def friction_map(replay: Replay, quantities: Quantities) -> Figure:
     speed, force = quantities.value(1.0, VELOCITY), quantities.value(1.0, FORCE)
     figure = Figure(figsize=(10, 5.0))
     axes = figure.subplots()
-    measured = speed * samples.velocity_m_s, force * samples.friction_N
+    measured = speed * samples.velocity_m_s, force * friction_alone(replay)
     reach = 1.2 * usual_size(measured[1])
     low, high = min(speed * v[0], measured[0].min()), max(speed * v[-1], measured[0].max())
     margin = 0.02 * (high - low) or 1e-3
@@ -194,7 +195,7 @@ def friction_map(replay: Replay, quantities: Quantities) -> Figure:
     if theory is not None:
         theory = force * theory
         handles += axes.plot(speed * v, theory, ":", color=style.THEORY, lw=1.4, label="theoretical curve", zorder=3)
-    if "coulomb_viscous" in replay.baseline_curves:
+    if "coulomb_viscous" in replay.baseline_curves and not replay.loads:  # fitted to the effort, load and all
         known = force * replay.baseline_curves["coulomb_viscous"].evaluate(v)
         label = "Coulomb and viscous, fitted"
         handles += axes.plot(speed * v, known, color=style.ACCENT, lw=0.9, label=label, zorder=4)
@@ -232,6 +233,17 @@ def _density(axes: Axes, velocity: Floats, friction: Floats, span: tuple[float, 
     bar.set_label("samples in a cell")
     style.readable_log(bar.ax.xaxis, (1.0,))
     return Patch(color=style.DENSITY(0.5), label="measured")
+
+
+def friction_alone(replay: Replay) -> Floats:
+    """Return the measured friction without the load learned beside it, (n,), N: what a curve is held against."""
+    terms = LoadTerms(replay.estimator.config)
+    if not terms.size or not replay.loads:
+        return replay.samples.friction_N
+    values = {load.term: load.value for load in replay.loads}
+    motion = SampleMotion(replay.samples)
+    load = [values.get(part.label, 0.0) * part.column(motion) for part in terms.unknown]
+    return np.asarray(replay.samples.friction_N - np.sum(load, axis=0), np.float64)
 
 
 def supported(outlook: Curve, curve: Curve) -> Bools:

@@ -36,11 +36,10 @@ def friction_map(result: Replay, q: Quantities) -> Chart:
 def _map(result: Replay, q: Quantities) -> UIElement:
     samples, curve = result.samples, result.outlook
     v = look.in_units(q, curve.velocity_m_s, VELOCITY)
-    velocity, friction = (
-        look.in_units(q, x, u) for x, u in ((samples.velocity_m_s, VELOCITY), (samples.friction_N, FORCE))
-    )
+    alone = figures.friction_alone(result)
+    velocity, friction = look.in_units(q, samples.velocity_m_s, VELOCITY), look.in_units(q, alone, FORCE)
     ends = min(v[0], velocity.min()), max(v[-1], velocity.max())
-    reach = 1.2 * float(q.value(figures.usual_size(samples.friction_N), FORCE))
+    reach = 1.2 * float(q.value(figures.usual_size(alone), FORCE))
     target = look.chart(
         f"velocity ({q.velocity})", f"friction ({q.force})", 460, x_range=look.spanning(*ends, 0.02),
         y_range=look.spanning(-reach, reach, 0.0),
@@ -55,7 +54,7 @@ def _map(result: Replay, q: Quantities) -> UIElement:
     theory = figures.theory_curve(result, curve.velocity_m_s, curve)
     if theory is not None:
         look.line(target, v, look.in_units(q, theory, FORCE), "theory", "theoretical curve", line_dash="dotted")
-    if "coulomb_viscous" in result.baseline_curves:
+    if "coulomb_viscous" in result.baseline_curves and not result.loads:  # fitted to the effort, load and all
         known = result.baseline_curves["coulomb_viscous"].evaluate(curve.velocity_m_s)
         look.line(
             target, v, look.in_units(q, known, FORCE), "known", "Coulomb and viscous, fitted", line_dash="dotdash"
