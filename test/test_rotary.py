@@ -8,6 +8,7 @@ import struct
 from pathlib import Path
 
 import numpy as np
+import pages
 import pytest
 from rosbags.rosbag2 import Writer
 from synthetic import noisy, samples_of, stribeck
@@ -77,8 +78,11 @@ _FORMATS = ("csv", "json", "c", "urdf", "mjcf")
 
 def test_what_is_said_has_the_units_of_the_drive(told):
     motion, words, folder = told
-    pages = [(folder / name / "report.html").read_text() for name in ("out", "diagnosis")]
-    plain = [re.sub(r'src="data:[^"]*"|<style>.*?</style>', "", page, flags=re.S) for page in pages]
+    written = [(folder / name / "report.html").read_text() for name in ("out", "diagnosis")]
+    plain = [
+        re.sub(r'src="data:[^"]*"|"data":"[^"]*"|<style>.*?</style>', "", pages.own(page), flags=re.S)
+        for page in written
+    ]
     files = [(folder / f"model.{name}").read_text() for name in _FORMATS]
     strange = LINEAR_WORDS if motion == ROTARY else ROTARY_WORDS
     for text in (words, *plain, *files):

@@ -35,7 +35,7 @@ def provenance(words: Sequence[str], recordings: Iterable[Path], config: Config 
     sections = [Section("Where this page comes from", table=rows)]
     if config is not None:
         changed = [
-            (name, _told(item.of(config)), item.unit)
+            (name, _told(item.of(config)), config.quantities.si.unit(item.unit) if item.of_drive else item.unit)
             for name, item in PARAMETERS.items()
             if item.of(config) != item.default
         ]

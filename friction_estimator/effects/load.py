@@ -43,7 +43,7 @@ class Gravity(Effect):
     size_key = "torque"
     reveals = "position_m"
     words = Words(
-        "the measured torque also carries a weight that turns with the shaft",
+        "the measured {force} also carries a weight whose share follows the position",
         "the residual follows the sine of the position, the same at every speed and in both directions",
         {
             "side_spring": "a larger stroke: a spring grows on, a weight does not",
@@ -93,7 +93,7 @@ class LoadDependence(Effect):
     refined = ("angle",)
     words = Words(
         "friction grows with the load that the gear or the bearing carries",
-        "the residual in the direction of motion follows the size of the weight's torque over position",
+        "the residual in the direction of motion follows the size of the weight's {force} over position",
         {"position_dependence": "take the weight off: what is left belongs to the position"},
     )
 
