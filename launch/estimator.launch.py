@@ -2,6 +2,7 @@
 
     ros2 launch friction_estimator estimator.launch.py config:=/path/estimator.yaml velocity:=/rig/velocity
 
+Several joints of one JointState topic: joints:=shoulder,elbow,wrist (docs/joints.md).
 Several shafts: include this file once for each, with another `namespace` (see two_shafts.launch.py).
 """
 
@@ -20,6 +21,9 @@ def estimator(context):
         return LaunchConfiguration(name).perform(context)
 
     parameters = {"use_sim_time": value("use_sim_time").lower() == "true"}
+    joints = [name.strip() for name in value("joints").split(",") if name.strip()]
+    if joints:
+        parameters |= {"input.mode": "joint_state", "input.joints": joints}
     if value("state_file"):  # left alone where the parameter file names one
         parameters["state.file"] = value("state_file")
     return [
@@ -45,6 +49,7 @@ def generate_launch_description():
         [
             DeclareLaunchArgument("namespace", default_value="", description="One for each shaft."),
             DeclareLaunchArgument("config", default_value=config, description="ROS parameter file."),
+            DeclareLaunchArgument("joints", default_value="", description="Several of joint_states: shoulder,elbow."),
             DeclareLaunchArgument("state_file", default_value="", description="Keeps what was learned."),
             DeclareLaunchArgument("use_sim_time", default_value="false", description="Take the time from /clock."),
             DeclareLaunchArgument("respawn", default_value="true", description="Start again, warm, after a crash."),

@@ -26,15 +26,19 @@ def joint_state(stamp_ns: int, names: Sequence[str], *arrays: Sequence[float]) -
 
 
 def write_joint_bag(
-    path: Path, topics: dict[str, Iterable[Message]], rate_hz: float = 100.0, storage: str = "mcap"
+    path: Path,
+    topics: dict[str, Iterable[Message]],
+    rate_hz: float = 100.0,
+    storage: str = "mcap",
+    stamps: Sequence[int] | None = None,
 ) -> Path:
-    """Write JointState topics, each message of all of them one period after the one before."""
+    """Write JointState topics, each message one period after the one before, or at the given stamps (ns)."""
     plugin = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}[storage]
     with Writer(path, version=8, storage_plugin=plugin) as writer:
         for topic, messages in topics.items():
             connection = writer.add_connection(topic, JOINT_STATE, typestore=typestore())
             for k, message in enumerate(messages):
-                stamp = START + round(k * NS / rate_hz)
+                stamp = START + round(k * NS / rate_hz) if stamps is None else stamps[k]
                 writer.write(connection, stamp, joint_state(stamp, *message))
     return path
 

@@ -1,6 +1,7 @@
 """Recordings of several joints: which there are, what is wrong with each, and every verb over all of them."""
 
 import json
+import sqlite3
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 from joint_bags import friction_of, joint_state, robot, write_joint_bag
 
 from friction_estimator.bag.joint_reader import JointReader
-from friction_estimator.bag.joint_survey import survey
+from friction_estimator.bag.joint_survey import MOST_JOINTS, survey
 from friction_estimator.bag.layout import LayoutError
 from friction_estimator.bag.messages import EXTRACTORS, Decoder, NoValueError, Want
 from friction_estimator.bag.read import read_recording
@@ -21,7 +22,8 @@ from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.groups import InputConfig
-from friction_estimator.core.settings.joints import of_joint, plain_name, plain_names
+from friction_estimator.core.settings.joint_names import plain_name, plain_names
+from friction_estimator.core.settings.joints import Settings
 from friction_estimator.documents.configuration import read_config
 
 SOUND, STILL, BLIND = ("arm/elbow", "wrist ä"), ("stuck", "parked"), ("blind", "tool")
@@ -83,12 +85,47 @@ def test_several_joints_need_the_mode_that_has_joints():
         Config.from_mapping({"input.joints": ["a", "b"]})
 
 
+SEVERAL = {"input.mode": "joint_state", "input.joints": ["a b", "model"], "fir.order": 8, "state.file": "/s.json"}
+
+
 def test_the_settings_of_one_joint_win_over_those_of_all():
-    given = {"input.joints": ["a b", "model"], "fir.order": 8, "a_b.fir.order": 4, "model.learned.fir_taps": [1.0]}
-    assert of_joint(given, "a b") == {"fir.order": 4, "input.joint": "a b"}
-    assert of_joint(given, "model") == {"fir.order": 8, "learned.fir_taps": [1.0], "input.joint": "model"}
-    assert of_joint(given, "c") == {"fir.order": 8, "input.joint": "c"}
-    assert of_joint(given, "") == {"input.joints": ["a b", "model"], "fir.order": 8}
+    settings = Settings().updated(SEVERAL | {"a_b.fir.order": 4, "model.learned.force_unit": 2.0})
+    one, other = settings.of("a_b"), settings.of("model")
+    assert (one.fir.order, one.learned.force_unit, one.input.joint, one.state.file) == (4, 0.0, "a b", "/s.json.a_b")
+    assert (other.fir.order, other.learned.force_unit, other.input.joint) == (8, 2.0, "model")
+    assert settings.of_joint("c").input.joint == "c"
+    assert settings.of_joint("").input.joints == ("a b", "model")
+    assert settings.of_joint("model") == other
+    assert settings.without_learned().of("model").learned.force_unit == 0.0
+    assert settings.without_learned().of("a_b") == one
+    assert settings.concerning("a_b", ["fir.order", "rls.forgetting_factor", "model.learned.force_unit"]) == [
+        "rls.forgetting_factor"
+    ]
+    assert settings.concerning("model", ["fir.order", "model.learned.force_unit"]) == [
+        "fir.order", "learned.force_unit"
+    ]  # fmt: skip
+    names = settings.names()
+    assert len(set(names)) == len(names)
+    assert {"fir.order", "a_b.fir.order", "a_b.learned.fir_taps", "model.learned.fir_taps"} <= set(names)
+    assert not {"learned.fir_taps", "model.fir.order"} & set(names)
+    assert (settings.value("a_b.fir.order"), settings.value("fir.order")) == (4, 8)
+    assert settings.declaration("model.learned.fir_taps").name == "model.learned.fir_taps"
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "says"),
+    [
+        ("learned.force_unit", 1.0, "name it JOINT.learned.force_unit"),
+        ("c.fir.order", 4, "unknown parameter c.fir.order"),
+        ("a_b.fir.oder", 4, "unknown parameter a_b.fir.oder"),
+        ("a_b.fir.order", 400, "a_b.fir.order: 400 is out of range"),
+        ("a_b.input.mode", "stamped", "all joints share input.mode"),
+        ("model.basis.velocity_range", [1.0, -1.0], "model: .*lowest first"),
+    ],
+)
+def test_what_no_joint_can_have_is_refused_by_its_name(name, value, says):
+    with pytest.raises(ConfigError, match=says):
+        Settings().updated(SEVERAL | {name: value})
 
 
 # Several joints out of one message
@@ -104,10 +141,14 @@ def test_a_message_gives_each_joint_what_its_own_reading_gives(names, position, 
     joints = ("b", "a", "c", "")
     places = JointReader(joints).places(raw)
     assert sorted(row[0] for row in (*places.present, *places.absent)) == [0, 1, 2, 3]
-    numbers = places.unpack.unpack_from(raw, places.layout.stamp_at)
+    numbers = places.unpack(raw)
     assert numbers[0] * 10**9 + numbers[1] == stamp_ns
-    for number, of_velocity, of_effort in places.present:
-        for at, quantity in ((of_velocity, "velocity"), (of_effort, "friction")):
+    for number, *indices in places.present:
+        for at, quantity in zip(indices, ("position", "velocity", "friction"), strict=True):
+            if not at:
+                with pytest.raises(NoValueError):
+                    Decoder(EXTRACTORS["sensor_msgs/msg/JointState"], Want("position", joint=joints[number])).one(raw)
+                continue
             decoder = Decoder(EXTRACTORS["sensor_msgs/msg/JointState"], Want(quantity, joint=joints[number]))
             np.testing.assert_array_equal(numbers[at], decoder.one(raw)[1])
     for number, reason in places.absent:
@@ -162,6 +203,40 @@ def test_every_topic_is_surveyed_joint_by_joint(tmp_path):
     assert (other.quantities["friction"].nan, other.quantities["velocity"].infinite) == (1, 1)
     assert other.quantities["velocity"].highest == -1.0
     assert (one.problem, other.problem) == ("", "")
+
+
+def test_bytes_that_are_no_joint_state_are_a_fault_of_their_topic_alone(tmp_path, capsys):
+    """`info` still lists everything, and a drive that needs nothing of that topic is assessed."""
+    stamps = np.arange(1, 1001, dtype=np.int64) * 10**7
+    velocity = np.sin(np.arange(1000) / 40)
+    write_samples(tmp_path / "run", Samples(stamps, velocity, friction_of(velocity), stamps == stamps[0]), "sqlite3")
+    (file,) = (tmp_path / "run").glob("*.db3")
+    with sqlite3.connect(file) as database:
+        for number, (topic, raw) in enumerate(
+            (("/cut", b"\0\1\0\0cut"), ("/sound", joint_state(1, ["a"], [], [1], [2])))
+        ):
+            database.execute(
+                "insert into topics (id, name, type, serialization_format, offered_qos_profiles, type_description_hash)"
+                " values (?, ?, 'sensor_msgs/msg/JointState', 'cdr', '', '')",
+                (70 + number, topic),
+            )
+            database.execute("insert into messages (topic_id, timestamp, data) values (?, 5, ?)", (70 + number, raw))
+    code, found = document(capsys, "info", file)
+    assert (code, found["problem"]) == (0, None)
+    cut, sound = found["joint_states"]
+    assert cut["fault"]
+    assert (sound["fault"], list(sound["joints"])) == (None, ["a"])
+    assert run("replay", file, "--joint", "all", "--topic", "joint_states=/cut") == 2
+    assert "a message on /cut is no sensor_msgs/JointState" in capsys.readouterr().err
+
+
+def test_names_without_end_are_not_kept(tmp_path):
+    messages = [([f"joint{k}", "a"], [], [1.0, 2.0], [1.0, 2.0]) for k in range(MOST_JOINTS + 50)]
+    with Source(write_joint_bag(tmp_path / "run", {"/joint_states": messages})) as source:
+        (found,) = survey(source)
+    assert len(found.joints) == MOST_JOINTS
+    assert found.unlisted == 51
+    assert found.joints["a"].messages == len(messages)
 
 
 def test_info_says_what_is_wrong_with_each_joint(arm, capsys):

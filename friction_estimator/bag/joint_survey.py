@@ -17,6 +17,9 @@ from friction_estimator.core.intake.pairing import LARGEST_VALUE
 from friction_estimator.core.sample import NS_PER_S, Floats, Ints
 from friction_estimator.core.settings.groups import InputConfig
 
+MOST_JOINTS = 1000
+"""Joints of a topic, and sets of them, that are told apart: no machine has more, and a file could name any number."""
+
 
 @dataclass
 class Quantity:
@@ -84,29 +87,27 @@ class Joint:
 class JointTopic:
     """The joints of one JointState topic, in the order in which they were first named.
 
-    `unnamed` are messages without joint names, by what is in them.
+    `unnamed` are messages without joint names, by what is in them; `unlisted` counts names beyond `MOST_JOINTS`.
+    `fault` says why a message could not be read: what is behind it was not looked at.
     """
 
     topic: Topic
     joints: dict[str, Joint] = field(default_factory=dict)
     unnamed: Counter[str] = field(default_factory=Counter)
+    unlisted: int = 0
+    fault: str = ""
 
 
 def survey(source: Source, topics: Sequence[Topic] | None = None, progress: Progress | None = None) -> list[JointTopic]:
     """Return what the JointState topics of a recording hold: all of them, or `topics`.
 
-    Raises InputError where the recording is damaged.
+    Raises InputError where the recording is damaged; bytes that are no JointState are their topic's `fault`.
     """
     chosen = [topic for topic in source.topics if topic.message_type == JOINT_STATE] if topics is None else list(topics)
     surveys = {topic.name: _Survey(topic, ros1=source.ros1) for topic in chosen if topic.count}
     total = sum(topic.count for topic in chosen)
     for name, log_time_ns, messages in source.batches(surveys) if surveys else ():
-        try:
-            surveys[name].add(messages)
-        except LayoutError as error:
-            raise InputError(
-                f"{source.path}: a message on {name} is no sensor_msgs/JointState: {error}; record it again"
-            ) from error
+        surveys[name].add(messages)
         if progress is not None:
             progress(log_time_ns.size, total)
     return [each.result() for each in surveys.values()]
@@ -130,8 +131,12 @@ def joint_names(
         topic = joint_topic(where, source.topics, topics, probe_of(source, config))
         if config.joints:
             return list(config.joints)
-        found = survey(source, [topic], progress)
-        joints = list(found[0].joints) if found else []
+        (found,) = survey(source, [topic], progress)
+        joints = list(found.joints)
+        if found.fault:
+            raise InputError(
+                f"{where}: a message on {topic.name} is no sensor_msgs/JointState: {found.fault}; record it again"
+            )
         if not joints:
             raise UnanswerableError(f"{where}: {topic} names no joint; let the driver set JointState.name")
         return joints
@@ -146,10 +151,15 @@ class _Survey:
         self._walked: tuple[Layout, JointArrays] | None = None
 
     def add(self, messages: Rows | list[bytes]) -> None:
-        """Take a batch. Raises LayoutError."""
-        for _, rows, _ in by_layout(messages, self._layout_of):
-            assert self._walked is not None
-            self._look(rows, *self._walked)
+        """Take a batch."""
+        if self._found.fault:
+            return
+        try:
+            for _, rows, _ in by_layout(messages, self._layout_of):
+                assert self._walked is not None
+                self._look(rows, *self._walked)
+        except LayoutError as error:
+            self._found.fault = str(error)
 
     def _layout_of(self, raw: bytes) -> Layout:
         if self._walked is None or not self._walked[0].fits(raw):
@@ -164,9 +174,13 @@ class _Survey:
             held = [f"{arrays.counts[quantity]} of {label}" for quantity, label in LABELS.items()]
             self._found.unnamed[", ".join(held)] += count
             return
-        self._stamps.setdefault(arrays.names, []).append(stamps_of(rows, layout))
+        if arrays.names in self._stamps or len(self._stamps) < MOST_JOINTS:
+            self._stamps.setdefault(arrays.names, []).append(stamps_of(rows, layout))
         columns = {quantity: _columns(rows, layout, arrays, quantity) for quantity in LABELS}
         for name in dict.fromkeys(arrays.names):
+            if name not in self._found.joints and len(self._found.joints) >= MOST_JOINTS:
+                self._found.unlisted += 1
+                continue
             joint = self._found.joints.setdefault(name, Joint())
             joint.messages += count
             joint.named_twice += count * (arrays.names.count(name) > 1)
@@ -183,7 +197,7 @@ class _Survey:
         for name, joint in self._found.joints.items():
             groups = tuple(names for names in stamps if name in names)
             if groups not in rates:
-                rates[groups] = _rate_hz(np.concatenate([stamps[names] for names in groups]))
+                rates[groups] = _rate_hz(np.concatenate([np.zeros(0, np.int64), *(stamps[names] for names in groups)]))
             joint.rate_hz = rates[groups]
         return self._found
 

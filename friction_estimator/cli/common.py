@@ -16,7 +16,6 @@ from friction_estimator.cli.terminal import EXIT_CODES, Parser, say, say_documen
 from friction_estimator.core.errors import ConfigError, InputError
 from friction_estimator.core.quantities import Quantities, unit_named
 from friction_estimator.core.settings.config import Config, retired
-from friction_estimator.core.settings.joints import of_joint
 from friction_estimator.documents.configuration import config_of, read_parameters
 from friction_estimator.output.run import RunOutput
 from friction_estimator.output.staging import Refusal
@@ -147,7 +146,7 @@ def config_from(
     if args.config:
         given = read_parameters(args.config)
         joint = args.joint if args.joint is not None else given.get("input.joint")
-        config = config_of(of_joint(given, joint if isinstance(joint, str) else ""), args.config)
+        config = config_of(given, args.config, joint if isinstance(joint, str) else "")
         for line in retired(given):
             warned(f"{args.config}: {line}")
     if args.joint is not None:

@@ -72,10 +72,9 @@ def _run(args: argparse.Namespace, output: common.Output) -> int:
     if args.joint == joints.ALL:
         config = config.updated({"input.joint": ""})
     quantities = config.quantities
-    with Source(args.bag) as source, progress("looking for joints", unit="messages") as advance:
+    motions: dict[str, str] = {}
+    with Source(args.bag) as source:
         topics = source.topics
-        found = survey(source, progress=advance)
-        motions = {name: _motion(source, config, name) for each in found for name in each.joints}
     result: dict[str, Any] = {"schema": SCHEMA, "bag": args.bag, "topics": [], "inputs": {}, "problem": None}
     result["joint_states"] = []
     inputs: dict[str, list[str]] = {}
@@ -83,6 +82,10 @@ def _run(args: argparse.Namespace, output: common.Output) -> int:
     failure: FrictionEstimatorError | None = None
     said: dict[str, list[str]] = {}
     try:
+        looking = progress("looking for joints", unit="messages")
+        with about(args.bag), looking as advance, Source(args.bag) as source:
+            found = survey(source, progress=advance)
+            motions = {name: _motion(source, config, name) for each in found for name in each.joints}
         with about(args.bag), progress("reading", unit="messages") as advance:
             recording = read_recording(args.bag, config.input, common.topics_from(args), advance)
         config = settled(config, [recording])

@@ -17,7 +17,8 @@ LABELS = {"position": POSITION, "velocity": VELOCITY, "effort": FORCE}
 def facts(found: "JointTopic", motion_of: Callable[[str], str]) -> dict[str, Any]:
     """Return the JSON of one topic; `motion_of` says whether a joint is linear or rotary."""
     joints = {name: {"motion": motion_of(name), **_joint(joint)} for name, joint in found.joints.items()}
-    return {"topic": found.topic.name, "joints": joints, "without_names": dict(found.unnamed)}
+    head = {"topic": found.topic.name, "fault": found.fault or None, "unlisted": found.unlisted}
+    return head | {"joints": joints, "without_names": dict(found.unnamed)}
 
 
 def _joint(joint: "Joint") -> dict[str, Any]:
@@ -34,6 +35,10 @@ def lines(topics: list[dict[str, Any]], shown_as: Callable[[str], Quantities]) -
     out = []
     for topic in topics:
         out.append(f"joints of {topic['topic']}")
+        if topic["fault"]:
+            out.append(f"  a message is no sensor_msgs/JointState: {topic['fault']}; nothing behind it is looked at")
+        if topic["unlisted"]:
+            out.append(f"  more than {len(topic['joints'])} joints: {topic['unlisted']} more names are not listed")
         for held, count in topic["without_names"].items():
             out.append(f"  joint names are empty in {count} messages, which hold {held}: no joint can be chosen")
         width = max((len(_name(name)) for name in topic["joints"]), default=0)

@@ -13,7 +13,7 @@ import numpy as np
 from friction_estimator.cli import common
 from friction_estimator.cli.progress import progress
 from friction_estimator.core.errors import FrictionEstimatorError, InputError, UnanswerableError, sentence
-from friction_estimator.core.settings.joints import plain_names
+from friction_estimator.core.settings.joint_names import plain_names
 from friction_estimator.core.text import LONGEST_NAME, shown
 from friction_estimator.output.layout import Layout
 from friction_estimator.output.staging import Refusal

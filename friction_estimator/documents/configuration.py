@@ -9,12 +9,15 @@ import yaml
 
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.settings.config import PATHS, Config
+from friction_estimator.core.settings.joints import Settings
 from friction_estimator.core.text import LONGEST_NAME, LONGEST_PARAGRAPH, shown
 from friction_estimator.documents.load import load_yaml
 from friction_estimator.documents.schema import Schema
 from friction_estimator.output.target import write_text
 
 PARAMETERS = "ros__parameters"
+
+_ROS_OWN = ("use_sim_time", "start_type_description_service")
 
 _VALUE = {"type": ["boolean", "number", "string", "null"]}
 PARAMETER_FILE = Schema(
@@ -97,9 +100,9 @@ def read_parameters(path: str | os.PathLike[str], node: str = "friction_estimato
     values: dict[str, Any] = {}
     for name in ("/**", *own):
         values |= sections.get(name, {})
-    for name in PATHS:
-        if isinstance(values.get(name), str) and values[name]:
-            values[name] = str(source.resolve().parent / values[name])
+    for name, value in values.items():
+        if isinstance(value, str) and value and name.endswith(PATHS):
+            values[name] = str(source.resolve().parent / value)
     return values
 
 
@@ -119,11 +122,19 @@ def read_config(path: str | os.PathLike[str]) -> Config:
     return config_of(read_parameters(path), path)
 
 
-def config_of(values: Mapping[str, Any], path: str | os.PathLike[str]) -> Config:
-    """Return the configuration of parameters that were read from `path`, which a ConfigError names."""
-    ours = {k: v for k, v in values.items() if k != "use_sim_time" and not k.startswith("qos_overrides.")}
+def is_ros_own(name: str) -> bool:
+    """Return True for parameters that rclpy itself declares: they stand in every dump of a node."""
+    return name in _ROS_OWN or name.startswith("qos_overrides.")
+
+
+def config_of(values: Mapping[str, Any], path: str | os.PathLike[str], joint: str = "") -> Config:
+    """Return the configuration of parameters that were read from `path`, which a ConfigError names.
+
+    With a `joint`, that of this one of several (`core.settings.joints`).
+    """
+    ours = {name: value for name, value in values.items() if not is_ros_own(name)}
     try:
-        return Config.from_mapping(ours)
+        return Settings().updated(ours).of_joint(joint)
     except ConfigError as error:
         raise ConfigError(f"{shown(path)}: {error}") from error
 

@@ -20,8 +20,9 @@ from friction_estimator.core.settings.units import MOTION_S, REVERSALS
 from friction_estimator.ros.background import Background
 from friction_estimator.ros.build import build, supposed, without_learned
 from friction_estimator.ros.load import Load
+from friction_estimator.ros.log import SafeLogger
 from friction_estimator.ros.outputs import Outputs
-from friction_estimator.ros.sources import Inputs
+from friction_estimator.ros.sources import Feed, Inputs
 from friction_estimator.ros.state_keeper import StateKeeper
 from friction_estimator.ros.stream import SampleStream
 from friction_estimator.ros.wire import NO_FRAME
@@ -55,12 +56,16 @@ class EstimatedJoint:
     load : is told how long each sample took.
     on_backlog : called where samples begin to wait; `work_off` has to be called then, until nothing waits.
     on_error : takes an exception that the drawing of the curve met.
+    plain : name of the joint among several, as topics, services and the log have it; empty for the only one.
 
     Attributes
     ----------
+    feed : what it takes of the inputs.
     config : in force; the parameters, with the learned values that this joint was given.
     notes : lasting facts worth a warning level in diagnostics, by their key.
     quantities : what the drive's numbers are.
+    enabled, adapts : whether it takes samples; whether it learns where `model.adapt` lets it.
+    prefix : of its topics and services. log : of its words.
     """
 
     def __init__(
@@ -70,33 +75,64 @@ class EstimatedJoint:
         load: Load,
         on_backlog: Callable[[], None],
         on_error: Callable[[str, Exception], None],
+        plain: str = "",
     ) -> None:
-        self._log = node.get_logger()
+        self.log = SafeLogger(f"{node.get_logger().name}.{plain}") if plain else node.get_logger()
+        self.plain, self.prefix = plain, f"~/{plain}/" if plain else "~/"
         self.config, self._configured = config, config.learned
         self.notes: dict[str, str] = {}
         self.quantities = config.quantities
         self._snapshot: tuple[float, Config | None] = (0.0, None)
         self._inputs: Inputs | None = None
-        self.outputs = Outputs(node, config.input.axis, self.quantities.motion)
+        self.outputs = Outputs(node, config.input.axis, self.quantities.motion, self.prefix)
         for fault in self.outputs.faults:
-            self._log.error(fault)
+            self.log.error(fault)
             self.notes["outputs"] = "; ".join(self.outputs.faults)
-        self.keeper = StateKeeper(self._log)
+        self.keeper = StateKeeper(self.log)
         self._drawing = Background("curve", on_error)
         self._curve: Curve | None = None
         self._on_backlog = on_backlog
         self.stream = SampleStream(config, self._met, self._publish, load)
         self.stream.on_backlog = on_backlog
+        self.feed = Feed(config.input.joint, self.stream.event, self.moves, lambda: self.config.input)
+        self.enabled = self.adapts = True
+        self.on_motion: Callable[[], None] = lambda: None
+        """Called where one of several joints is known to be linear or rotary."""
 
     def move(self, motion: str) -> None:
         """Take that the drive is linear or rotary."""
         self.quantities = Quantities(motion)
         self.outputs.set_axis(self.config.input.axis, motion)
 
+    def moves(self, motion: str, why: str) -> None:
+        """Take that this one of several joints is linear or rotary, and say why."""
+        self.move(motion)
+        self.log.info(f"the joint is {motion}: {why}")
+        self.on_motion()
+
     def connect(self, inputs: Inputs) -> None:
         """Be fed by these inputs from now on."""
         self._inputs = inputs
         self.stream.queue_depth = inputs.depth
+
+    def enable(self, enabled: bool) -> str:
+        """Take samples from now on, or pass them over; what was learned stays."""
+        if enabled != self.enabled:
+            self.enabled = enabled
+            self.feed.deliver = self.stream.event if enabled else _pass_over
+            self.stream.restart()
+        return "enabled" if enabled else "disabled: its samples are passed over"
+
+    def adapt(self, adapts: bool) -> str:
+        """Learn as `model.adapt` says, or not at all."""
+        self.adapts = adapts
+        self._set_learning()
+        if adapts and not self.stream.learn:
+            return "as model.adapt says for all joints: not learning"
+        return "learning" if adapts else "predicting with the present values, not learning"
+
+    def _set_learning(self) -> None:
+        self.stream.learn = self.config.model.adapt and self.adapts
 
     # --- the estimator -----------------------------------------------------------------------------------------
 
@@ -115,7 +151,7 @@ class EstimatedJoint:
         self._begin(estimator)
         if self.keeper.start():
             try:
-                self._log.info(self.keeper.load(self._restored))
+                self.log.info(self.keeper.load(self._restored))
             except FrictionEstimatorError as error:
                 self.keeper.refuse(error)
 
@@ -125,7 +161,7 @@ class EstimatedJoint:
         self.stream.begin(self.config, estimator if self.config.is_met else None)
         if self.stream.meeting:
             unset = ", ".join(self._open())
-            self._log.info(
+            self.log.info(
                 f"first contact: {unset} come from the first samples; nothing is published before ({STILL_NEEDED})"
             )
 
@@ -162,13 +198,13 @@ class EstimatedJoint:
         for note in ("configuration", "started cold", "reset"):
             self.notes.pop(note, None)
         if reason:
-            self._log.error(f"starting cold: {reason}")
+            self.log.error(f"starting cold: {reason}")
             self.notes["started cold"] = reason
         self.config = config
         return estimator
 
     def _unusable(self, reason: str) -> None:
-        self._log.error(f"not estimating: {reason}; correct it and call ~/reset")
+        self.log.error(f"not estimating: {reason}; correct it and call {self.prefix}reset")
         self.notes["configuration"] = f"not estimating: {reason}"
 
     def _met(self, config: Config) -> Estimator:
@@ -184,7 +220,7 @@ class EstimatedJoint:
             told += f" and {self.stream.dropped} before them were let go"
         told += f": {_units_of(config, self.quantities)}, "
         told += f"theoretical curve {theory_told(config, self.stream.has_pressure)}"
-        self._log.info(f"{told}; ~/reset forgets that")
+        self.log.info(f"{told}; {self.prefix}reset forgets that")
         self._on_backlog()
         return estimator
 
@@ -199,7 +235,7 @@ class EstimatedJoint:
         estimator = build(stated_config(self.config, state))
         estimator.restore(state)
         self.stream.go_on(estimator)
-        self._log.info(f"no first contact needed: {_units_of(estimator.config, self.quantities)}")
+        self.log.info(f"no first contact needed: {_units_of(estimator.config, self.quantities)}")
         self._on_backlog()
         return estimator
 
@@ -265,12 +301,12 @@ class EstimatedJoint:
             if not self.stream.running:
                 self._unusable(reason)
                 raise
-            self._log.error(f"~/reset refused: {reason}; what was running goes on")
+            self.log.error(f"{self.prefix}reset refused: {reason}; what was running goes on")
             self.notes["reset"] = f"refused, what was running goes on: {reason}"
             raise
         self._begin(estimator)
         self.stream.restart()
-        self.stream.learn = self.config.model.adapt
+        self._set_learning()
         self._learned_changed()
         return f"started cold with the present parameters{'; first contact' if self.stream.meeting else ''}"
 
@@ -332,7 +368,7 @@ class EstimatedJoint:
             self.config = replace(config, learned=self.config.learned)
         if self.stream.estimator is not None:
             self.stream.estimator.retune(self.config)
-        self.stream.learn = self.config.model.adapt
+        self._set_learning()
         groups = {name.partition(".")[0] for name in changed}
         if groups & {"input", "sync"}:
             self.stream.retune(self.config)
@@ -358,6 +394,10 @@ class EstimatedJoint:
                 values[leaf] = type(ours)(ours.shape, ours.dtype)
                 values[leaf][:] = given
         return replace(present, **values)
+
+
+def _pass_over(stream: int, stamp_ns: int, value: float) -> None:
+    """Take no event: the joint is disabled."""
 
 
 def _units_of(config: Config, quantities: Quantities) -> str:

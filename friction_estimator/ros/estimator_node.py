@@ -1,4 +1,4 @@
-"""The node `friction_estimator`: inputs, parameters, services and timers around an `EstimatedJoint`."""
+"""The node `friction_estimator`: inputs, parameters, services and timers around one `EstimatedJoint` or several."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -10,13 +10,14 @@ from std_srvs.srv import SetBool, Trigger
 
 from friction_estimator.core.errors import ConfigError, FrictionEstimatorError, sentence
 from friction_estimator.core.quantities import Quantities
-from friction_estimator.core.settings.config import PARAMETERS, Config
+from friction_estimator.core.settings.config import PARAMETERS
 from friction_estimator.core.settings.groups import AUTO
+from friction_estimator.core.settings.joints import Settings
 from friction_estimator.core.settings.setting import Value
 from friction_estimator.core.text import shown
 from friction_estimator.ros.arguments import beside_its_file
-from friction_estimator.ros.build import warm_up, without_learned
-from friction_estimator.ros.estimated_joint import LEARNED, EstimatedJoint
+from friction_estimator.ros.build import warm_up
+from friction_estimator.ros.estimated_joint import EstimatedJoint
 from friction_estimator.ros.health import Health
 from friction_estimator.ros.parameters import ConfiguredNode, to_ros
 from friction_estimator.ros.sources import Inputs
@@ -31,26 +32,32 @@ BREATH_S = 0.05
 
 
 class EstimatorNode(ConfiguredNode):
-    """Predict the friction of each sample, publish it, learn from the measurement.
+    """Predict the friction of each sample, publish it, learn from the measurement: of one joint, or of several.
+
+    Several such nodes may live in one process, in one context or in contexts of their own, and be served by any
+    executor. `close` saves what was learned; `destroy_node` does so, too.
 
     Parameters
     ----------
+    name : of the node.
     files : parameter files of the command line; relative paths in them are relative to the file.
+    options : what rclpy's Node takes: namespace, context, parameter_overrides, cli_args, use_global_arguments.
 
     Attributes
     ----------
-    config : the parameters without learned values: those are the joint's.
+    settings : the parameters without learned values: those are the joints'.
+    joints : what is estimated, by plain name (`core.settings.joint_names`); the only joint under the empty name.
     """
 
     stopping: Callable[[], bool] = staticmethod(lambda: False)
     """Whether the node is to end: then it begins no more pieces of what waits, which may last minutes."""
 
-    _joint: EstimatedJoint | None = None  # rclpy asks for parameters during construction
-
-    def __init__(self, files: Sequence[Path] = ()) -> None:
+    def __init__(self, name: str = NAME, *, files: Sequence[Path] = (), **options: Any) -> None:
         self._files = files
         self._found = ""
-        super().__init__(NAME)
+        self.joints: dict[str, EstimatedJoint] = {}  # rclpy asks for parameters during construction
+        self._closed = False
+        super().__init__(name, **options)
         self.health = Health(self)
         self._enabled = True
         for reason in self.refused:
@@ -63,53 +70,70 @@ class EstimatorNode(ConfiguredNode):
         # Housekeeping must go on when the simulation's clock stands still.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._working_off = self.create_timer(WORK_OFF_S, self._work_off, clock=steady, autostart=False)
-        self._joint = EstimatedJoint(
-            self, self.config, self.health.load, self._working_off.reset, self.health.exception
-        )
-        self.config = without_learned(self.config)
-        self.create_timer(BREATH_S, self._joint.stream.breathe, clock=steady)
-        self._joint.start()
+        load, reset, failed = self.health.load, self._working_off.reset, self.health.exception
+        self.joints = {
+            plain: EstimatedJoint(self, self.settings.of(plain), load, reset, failed, plain)
+            for plain in self.settings.joints
+        }
+        self.settings = self.settings.without_learned()
+        self.create_timer(BREATH_S, self._breathe, clock=steady)
+        for joint in self.joints.values():
+            joint.start()
+            joint.on_motion = self._describe_joints
         self._inputs = self._open_inputs()
-        self._service(Trigger, "~/reset", lambda _: self.joint.reset())
-        self._service(Trigger, "~/save", lambda _: self.joint.save())
-        self._service(Trigger, "~/load", lambda _: self.joint.load())
+        self._service(Trigger, "~/reset", lambda _: self._of_all(EstimatedJoint.reset))
+        self._service(Trigger, "~/save", lambda _: self._of_all(EstimatedJoint.save))
+        self._service(Trigger, "~/load", lambda _: self._of_all(EstimatedJoint.load))
         self._service(SetBool, "~/enable", self._enable)
         self._service(SetBool, "~/adapt", self._adapt)
+        if self.settings.several:
+            for joint in self.joints.values():
+                self._services_of(joint)
         topics = ", ".join(source.topic for source in self._inputs.sources.values() if source.required)
-        self.get_logger().info(f"listening: {topics}")
+        names = ", ".join(self.settings.joints.values())
+        self.get_logger().info(f"listening: {topics}" + (f" for {names}" if self.settings.several else ""))
         self.create_timer(1.0, self._tick, clock=steady)
 
-    @property
-    def joint(self) -> EstimatedJoint:
-        """What is estimated."""
-        assert self._joint is not None
-        return self._joint
-
     def _open_inputs(self) -> Inputs:
-        inputs = Inputs(self, self.config.input, self.joint.stream.event, self.health.exception, self._moves)
-        self.joint.connect(inputs)
+        feeds = [joint.feed for joint in self.joints.values()]
+        shared, health = self.settings.shared.input, self.health
+        inputs = Inputs(self, shared, feeds, health.exception, health.load, self._moves)
+        self._connect(inputs)
         return inputs
 
+    def _connect(self, inputs: Inputs) -> None:
+        for joint in self.joints.values():
+            joint.connect(inputs)
+
     def _moves(self, motion: str, why: str) -> None:
-        """Take that the drive is linear or rotary."""
+        """Take that the only drive is linear or rotary."""
         self._found = motion
-        self.joint.move(motion)
-        self.describe_units(Quantities(motion))
+        for joint in self.joints.values():
+            joint.move(motion)
+        self.describe_units({"": Quantities(motion)})
         self.get_logger().info(f"the drive is {motion}: {why}")
+
+    def _describe_joints(self) -> None:
+        self.describe_units({plain: joint.quantities for plain, joint in self.joints.items()})
 
     # --- timers ------------------------------------------------------------------------------------------------
 
+    def _breathe(self) -> None:
+        for joint in self.joints.values():
+            joint.stream.breathe()
+
     def _work_off(self) -> None:
-        """Predict some of what waited; new samples get in between. Where the node is to end, let it."""
-        if self.stopping():
-            self._working_off.cancel()
-            return
-        stream = self.joint.stream
-        try:
-            stream.work_off()
-        except Exception as error:
-            self.health.exception("samples that waited", error)
-        if stream.working_off:
+        """Predict some of what waited, of each joint; new samples get in between. Where the node is to end, let it."""
+        for joint in self.joints.values():
+            if self.stopping():
+                self._working_off.cancel()
+                return
+            try:
+                if joint.stream.working_off:
+                    joint.stream.work_off()
+            except Exception as error:
+                self.health.exception("samples that waited", error)
+        if any(joint.stream.working_off for joint in self.joints.values()):
             # A timer that is always due keeps the spin from ending, and so a signal from being obeyed.
             self._working_off.reset()
         else:
@@ -118,9 +142,10 @@ class EstimatorNode(ConfiguredNode):
     def _tick(self) -> None:
         try:
             with self.health.load.other_work():
-                curve = self.joint.look()
-                self._inputs.expect(positions=self.joint.stream.intake.pairer.tracks)
-                self.health.tick(self.config, self._inputs, self.joint, self._enabled, curve)
+                joints = list(self.joints.values())
+                curves = [joint.look() for joint in joints]
+                self._inputs.expect(positions=any(joint.stream.intake.pairer.tracks for joint in joints))
+                self.health.tick(self.settings.shared, self._inputs, joints, self._enabled, curves)
         except Exception as error:
             self.health.exception("diagnostics", error)
 
@@ -141,6 +166,29 @@ class EstimatorNode(ConfiguredNode):
 
         self.create_service(kind, name, respond)
 
+    def _services_of(self, joint: EstimatedJoint) -> None:
+        """Open the services of one of several joints."""
+        self._service(Trigger, f"{joint.prefix}reset", lambda _: joint.reset())
+        self._service(Trigger, f"{joint.prefix}save", lambda _: joint.save())
+        self._service(Trigger, f"{joint.prefix}load", lambda _: joint.load())
+        self._service(SetBool, f"{joint.prefix}enable", lambda request: joint.enable(request.data))
+        self._service(SetBool, f"{joint.prefix}adapt", lambda request: joint.adapt(request.data))
+
+    def _of_all(self, act: Callable[[EstimatedJoint], str]) -> str:
+        """Have every joint act, whatever becomes of another; raise ConfigError with all answers where one failed."""
+        told, failed = [], False
+        for joint in self.joints.values():
+            try:
+                answer = act(joint)
+            except FrictionEstimatorError as error:
+                if not joint.plain:
+                    raise
+                answer, failed = sentence(error), True
+            told.append(f"{joint.plain}: {answer}" if joint.plain else answer)
+        if failed:
+            raise ConfigError("; ".join(told))
+        return "; ".join(told)
+
     def _enable(self, request: Any) -> str:
         """Open or close the inputs."""
         if request.data != self._enabled:
@@ -149,7 +197,8 @@ class EstimatorNode(ConfiguredNode):
                 self._inputs = self._open_inputs()
             else:
                 self._inputs.close()
-            self.joint.stream.restart()
+            for joint in self.joints.values():
+                joint.stream.restart()
             self.health.inputs_changed()
         return "enabled" if self._enabled else "disabled: inputs are not listened to"
 
@@ -163,33 +212,47 @@ class EstimatorNode(ConfiguredNode):
 
     def localised(self, name: str, value: Value) -> Value:
         """Return paths relative to the parameter file that holds them as absolute ones."""
-        if PARAMETERS[name].path and isinstance(value, str):
+        if self.settings.declaration(name).path and isinstance(value, str):
             return beside_its_file(name, value, self._files)
         return value
 
     def get_parameter(self, name: str) -> RosParameter:
         """Return a parameter; learned ones are read from the estimator when asked for, without any event."""
-        if name == "input.motion" and self.config.input.motion == AUTO and self._found:
+        shared = self.settings.shared
+        if name == "input.motion" and shared.input.motion == AUTO and self._found:
             return to_ros(PARAMETERS[name], self._found)  # a dump must not leave it to the next start's first messages
-        if name not in LEARNED:
+        item = self._declarations.get(name)
+        if item is None or not item.learned or not self.joints:
             return super().get_parameter(name)
-        item = PARAMETERS[name]
-        return to_ros(item, item.of(self._joint.learned() if self._joint is not None else self.config))
+        plain, setting = self.settings.split(name)
+        return to_ros(item, PARAMETERS[setting].of(self.joints[plain].learned()))
 
-    def check_change(self, config: Config, changed: Sequence[str]) -> None:
-        """Raise ConfigError where the running estimator cannot take the change."""
-        self.joint.check_change(config, changed)
+    def check_change(self, settings: Settings, changed: Sequence[str]) -> None:
+        """Raise ConfigError where a running estimator cannot take the change."""
+        for plain, joint in self.joints.items():
+            joint.check_change(settings.of(plain), settings.concerning(plain, changed))
 
-    def apply_change(self, config: Config, changed: Sequence[str]) -> None:
+    def apply_change(self, settings: Settings, changed: Sequence[str]) -> None:
         """Let live changes act."""
-        self.config = without_learned(config)
-        self.joint.apply_change(config, changed)
+        self.settings = settings.without_learned()
+        for plain, joint in self.joints.items():
+            names = settings.concerning(plain, changed)
+            if names:
+                joint.apply_change(settings.of(plain), names)
         if any(name.startswith("input.") for name in changed):
             if self._enabled:
-                self._inputs.reconfigure(self.config.input)
-                self.joint.connect(self._inputs)
+                self._inputs.reconfigure(self.settings.shared.input)
+                self._connect(self._inputs)
             self.health.inputs_changed()
 
     def close(self) -> None:
-        """Save the state; the last act before the node is destroyed."""
-        self.joint.close()
+        """Save the states; nothing is to come after it but `destroy_node`."""
+        if not self._closed:
+            self._closed = True
+            for joint in self.joints.values():
+                joint.close()
+
+    def destroy_node(self) -> None:
+        """Save the states and leave the graph."""
+        self.close()
+        super().destroy_node()

@@ -13,6 +13,7 @@ from friction_estimator.core.quantities import Quantities
 from friction_estimator.ros.estimated_joint import STILL_NEEDED, EstimatedJoint
 from friction_estimator.ros.growth import Growth
 from friction_estimator.ros.load import Account
+from friction_estimator.ros.silence import REPEAT_S
 from friction_estimator.ros.state_keeper import FAILURE
 
 FASTER = "use a smaller basis (basis.*, fir.order), a cheaper model.law, or fewer samples a second"
@@ -30,16 +31,20 @@ class EstimatorStatus:
     Parameters
     ----------
     joint : to look at.
-    logger : of the node.
+
+    Attributes
+    ----------
+    name : of the status: one of several joints goes by its own name.
     """
 
-    def __init__(self, joint: EstimatedJoint, logger: Any) -> None:
-        self._joint, self._logger = joint, logger
+    def __init__(self, joint: EstimatedJoint) -> None:
+        self._joint = joint
+        self.name = joint.feed.joint if joint.plain else "estimator"
         self._growth = Growth()
+        self._refused: dict[str, int] = {}
 
     def look(
         self,
-        samples: int,
         span_s: float,
         account: Account,
         curve: Curve | None,
@@ -49,12 +54,13 @@ class EstimatorStatus:
 
         Parameters
         ----------
-        samples : admitted since the last look, which was `span_s` ago.
+        span_s : time since the last look.
         account : of the time that the node used.
         curve : the last static curve, at any velocities over its range; None before the first.
         notes : the node's own, beside the joint's.
         """
         stream, quantities = self._joint.stream, self._joint.quantities
+        samples = self._growth.of("samples", stream.counts.get("used", 0))
         level, words = DiagnosticStatus.OK, "learning" if stream.learn else "predicting, not learning"
         values: dict[str, Any] = {"samples per second": f"{samples / span_s:.1f}", "predictions": stream.predictions}
         values["subscribers of the prediction"] = self._joint.outputs.subscribers
@@ -79,7 +85,7 @@ class EstimatorStatus:
                 words = f"learning held since {health.held} samples: bad data, or friction has changed"
             outside, grown = self._growth.of("outside", health.outside), self._growth.of("grown", health.grown)
             if grown:
-                self._logger.info(
+                self._joint.log.info(
                     f"speeds beyond the range: it is {_reach(stream.estimator)} {quantities.velocity} now"
                 )
             elif outside:
@@ -94,6 +100,12 @@ class EstimatorStatus:
         if level == DiagnosticStatus.OK and share > FULL_SHARE:
             level = DiagnosticStatus.WARN
             words = f"nearly too slow: {100.0 * share:.0f} % of the sample period is used; {FASTER}"
+        if self._joint.plain:
+            values |= self._taken()
+            if new := {reason: n for reason, n in self._refused.items() if n}:
+                level, words = self._told_of(new, samples) or (level, words)
+            if not self._joint.enabled:
+                level, words = DiagnosticStatus.OK, f"disabled by {self._joint.prefix}enable"
         file = self._joint.keeper.report()
         values |= file
         if FAILURE in file and level == DiagnosticStatus.OK:
@@ -111,6 +123,33 @@ class EstimatorStatus:
         elif stream.estimator is None:
             level, words = DiagnosticStatus.ERROR, self._joint.notes.get("configuration", "no estimator")
         return level, words, values
+
+    def _told_of(self, refused: Mapping[str, int], samples: int) -> tuple[bytes, str] | None:
+        """Return level and words about what was refused of one of several joints, and log it where nothing came.
+
+        A message without the joint is no fault as long as others hold it: a machine may publish its joints in parts.
+        """
+        absent = {"wrong_joint", "empty"} & set(refused)
+        if absent and samples and len(absent) == len(refused):
+            return None
+        told = ", ".join(f"{count} {reason}" for reason, count in refused.items())
+        words = f"rejected in the last second: {told}" + (f" ({self._joint.feed.absence})" if absent else "")
+        if not samples:
+            self._joint.log.warning(words, throttle_duration_sec=REPEAT_S)
+        return DiagnosticStatus.WARN, words
+
+    def _taken(self) -> dict[str, Any]:
+        """Return what one of several joints has taken of the messages that all share, and note what was new in it."""
+        counts = self._joint.stream.counts
+        counts.pop("used", None)
+        gaps, jumps = counts.pop("gaps"), counts.pop("jumps")
+        counts |= self._joint.feed.rejected
+        self._refused = {reason: self._growth.of(f"rejected {reason}", count) for reason, count in counts.items()}
+        values: dict[str, Any] = {f"rejected: {reason}": count for reason, count in sorted(counts.items())}
+        pairer = self._joint.stream.intake.pairer
+        if pairer.tracks and pairer.tracker.told:
+            values["velocity"] = f"from the position: {pairer.tracker.words(self._joint.quantities.position)}"
+        return values | {"gaps": gaps, "clock jumps back": jumps}
 
 
 def _account(estimator: Estimator, curve: Curve | None, quantities: Quantities, pressure: bool) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """The node's account of itself, once a second on /diagnostics."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -36,7 +36,7 @@ class Health:
         self.load = Load()
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._inputs = InputStatus(node)
-        self._estimate: EstimatorStatus | None = None
+        self._estimates: list[EstimatorStatus] = []
         self._growth = Growth()
         self._last = time.monotonic()
         self.exceptions = 0
@@ -53,12 +53,20 @@ class Health:
         """Start a new grace period (other topics, estimator enabled again)."""
         self._inputs.changed()
 
-    def tick(self, config: Config, inputs: Inputs, joint: EstimatedJoint, enabled: bool, curve: Curve | None) -> None:
+    def tick(
+        self,
+        config: Config,
+        inputs: Inputs,
+        joints: Sequence[EstimatedJoint],
+        enabled: bool,
+        curves: Sequence[Curve | None],
+    ) -> None:
         """Publish diagnostics and log what is newly wrong.
 
         Parameters
         ----------
-        curve : the last static curve, at any velocities over its range; None before the first.
+        config : what the joints share.
+        curves : the last static curve of each joint, at any velocities over its range; None before the first.
         """
         now = time.monotonic()
         span = max(now - self._last, 1e-3)
@@ -67,18 +75,20 @@ class Health:
             self.notes["float64"] = "messages without stamps: paired by time of receipt"
         else:
             self.notes.pop("float64", None)
-        account = self._inputs.look(config, inputs, joint.stream, enabled, span)
-        if self._estimate is None:
-            self._estimate = EstimatorStatus(joint, self._node.get_logger())
-        level, words, values = self._estimate.look(self._inputs.samples, span, self.load.look(), curve, self.notes)
-        values["exceptions"] = self.exceptions
-        if self.last_exception:
-            values["last exception"] = self.last_exception
-        if self._growth.of("exceptions", self.exceptions):
-            level, words = DiagnosticStatus.ERROR, self.last_exception
+        looked = self._inputs.look(config, inputs, [joint.stream for joint in joints], enabled, span)
+        self._estimates = self._estimates or [EstimatorStatus(joint) for joint in joints]
         message = DiagnosticArray()
         message.header.stamp = self._node.get_clock().now().to_msg()
-        message.status = [self._status("inputs", *account), self._status("estimator", level, words, values)]
+        message.status = [self._status("inputs", *looked)]
+        account, raised = self.load.look(), self._growth.of("exceptions", self.exceptions)
+        for estimate, curve in zip(self._estimates, curves, strict=True):
+            level, words, values = estimate.look(span, account, curve, self.notes)
+            values["exceptions"] = self.exceptions
+            if self.last_exception:
+                values["last exception"] = self.last_exception
+            if raised:
+                level, words = DiagnosticStatus.ERROR, self.last_exception
+            message.status.append(self._status(estimate.name, level, words, values))
         self._publisher.publish(message)
 
     def _status(self, part: str, level: bytes, words: str, values: Mapping[str, Any]) -> DiagnosticStatus:

@@ -1,7 +1,8 @@
 """What diagnostics say of the inputs: their level, their words and their figures."""
 
 import time
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -50,15 +51,24 @@ class InputStatus:
         self._since = time.monotonic()
 
     def look(
-        self, config: Config, inputs: Inputs, stream: SampleStream, enabled: bool, span_s: float
+        self,
+        config: Config,
+        inputs: Inputs,
+        streams: Sequence[SampleStream],
+        enabled: bool,
+        span_s: float,
     ) -> tuple[bytes, str, dict[str, Any]]:
-        """Return level, words and values; the last look was `span_s` ago."""
+        """Return level, words and values; the last look was `span_s` ago.
+
+        Of several streams the counts are summed: what is wrong with one joint of a message stands in its own status.
+        """
         sources = inputs.sources
         self._stood_still = STOOD_STILL_LOOKS if span_s > 1.0 + LATE_S else max(0, self._stood_still - 1)
-        stream.flush()
+        for stream in streams:
+            stream.flush()
         for source in sources.values():
             source.count_missing(pauses=not self._stood_still)
-        counts = stream.counts
+        counts = dict(sum((Counter(stream.counts) for stream in streams), Counter()))
         used, gaps, jumps = (counts.pop(key, 0) for key in ("used", "gaps", "jumps"))
         for source in sources.values():
             for reason, count in source.rejected.items():
@@ -79,15 +89,16 @@ class InputStatus:
         values["motion"] = f"{inputs.motion.known or 'not known'}: {inputs.motion.why}"
         values |= {f"rejected: {reason}": count for reason, count in sorted(counts.items())}
         values |= {"gaps": gaps, "clock jumps back": jumps}
-        values |= {"waiting velocity, friction": f"{stream.intake.pairer.waiting}"}
+        if len(streams) == 1:
+            values |= {"waiting velocity, friction": f"{streams[0].intake.pairer.waiting}"}
         if "velocity" in sources and "friction" in sources:
             offset = stamp_offset_s(sources["velocity"], sources["friction"])
             values["stamp offset of friction from velocity (s)"] = f"{offset:.9f}"
         if config.input.mode == "float64":
             values["stamps"] = "missing: paired by time of receipt, no bit equality with replay"
-        tracker = stream.intake.pairer.tracker
-        if stream.intake.pairer.tracks and tracker.told:
-            values["velocity"] = f"from the position: {tracker.words(config.quantities.position)}"
+        pairer = streams[0].intake.pairer
+        if len(streams) == 1 and pairer.tracks and pairer.tracker.told:
+            values["velocity"] = f"from the position: {pairer.tracker.words(config.quantities.position)}"
             if not self._told_of_tracking:
                 self._told_of_tracking = True
                 self._node.get_logger().info(f"velocity {values['velocity']}")
@@ -103,7 +114,7 @@ class InputStatus:
             return DiagnosticStatus.ERROR if first.grave else DiagnosticStatus.WARN, first.text, values
         if not enabled:
             return DiagnosticStatus.OK, "disabled by ~/enable", values
-        if new_rejects:
+        if new_rejects and len(streams) == 1:
             told = ", ".join(f"{count} {reason}" for reason, count in new_rejects.items())
             return DiagnosticStatus.WARN, f"rejected in the last second: {told}", values
         return DiagnosticStatus.OK, f"{self.samples / span_s:.0f} samples/s", values

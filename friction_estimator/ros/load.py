@@ -42,11 +42,21 @@ class Load:
         self.note = self._latencies_ns.append
         """Takes the time from the arrival of a sample to its prediction, ns."""
         self._other_began = self._other_felt_until = 0
+        self._message_came = 0
         self._wall, self._cpu = time.monotonic(), time.thread_time()
 
     def arrived(self, now_ns: int) -> int:
         """Return when a sample that is handed over at `now_ns` may have arrived, ns of `time.perf_counter_ns`."""
-        return self._other_began if now_ns < self._other_felt_until else now_ns
+        came = self._message_came or now_ns
+        return self._other_began if came < self._other_felt_until else came
+
+    def message(self) -> None:
+        """Note that a message of several samples came: the last of them waits for all before it."""
+        self._message_came = time.perf_counter_ns()
+
+    def message_done(self) -> None:
+        """Note that all samples of that message were handed over."""
+        self._message_came = 0
 
     @contextmanager
     def other_work(self) -> Iterator[None]:

@@ -70,7 +70,7 @@ def _run(arguments: list[str], signals: StopSignals) -> None:
     node: EstimatorNode | None = None
     try:
         try:
-            node = EstimatorNode(params_files(arguments))
+            node = EstimatorNode(files=params_files(arguments))
         except (NameValidationException, rclpy_implementation.RCLError) as error:
             raise InputError(str(error), remedy="correct names and remappings of the start") from error
         # What exists now stays: no full collection shall walk through it while samples wait.

@@ -45,9 +45,10 @@ class Outputs:
     ----------
     node : owner of the publishers.
     axis, motion : along or about which friction acts.
+    prefix : of the topics' names.
     """
 
-    def __init__(self, node: Node, axis: str, motion: str = LINEAR) -> None:
+    def __init__(self, node: Node, axis: str, motion: str = LINEAR, prefix: str = "~/") -> None:
         self.faults: list[str] = []
         """Why outputs are not published."""
 
@@ -62,13 +63,13 @@ class Outputs:
                 self.faults.append(shown(fault))
                 return Unpublished()
 
-        self._predicted = publisher(WrenchStamped, "~/friction_predicted", 1000)
-        self._residual = publisher(WrenchStamped, "~/residual", 1000)
-        self._stddev = publisher(WrenchStamped, "~/friction_stddev", 1000)
-        self._curve = publisher(Float64MultiArray, "~/friction_curve", 1)
-        self._arrays = {name: publisher(Float64MultiArray, f"~/parameters/{name}", 10) for name in ARRAYS}
-        self._named = publisher(JointState, "~/parameters/named", 10)
-        self._monitor = Monitor(publisher(Float64MultiArray, "~/monitor", 10), node.get_logger())
+        self._predicted = publisher(WrenchStamped, f"{prefix}friction_predicted", 1000)
+        self._residual = publisher(WrenchStamped, f"{prefix}residual", 1000)
+        self._stddev = publisher(WrenchStamped, f"{prefix}friction_stddev", 1000)
+        self._curve = publisher(Float64MultiArray, f"{prefix}friction_curve", 1)
+        self._arrays = {name: publisher(Float64MultiArray, f"{prefix}parameters/{name}", 10) for name in ARRAYS}
+        self._named = publisher(JointState, f"{prefix}parameters/named", 10)
+        self._monitor = Monitor(publisher(Float64MultiArray, f"{prefix}monitor", 10), node.get_logger())
         self._parameters_due = 0.0
         self.published = 0
         self.set_axis(axis, motion)

@@ -5,8 +5,7 @@ Messages are taken as bytes and read by the decoder that replay uses, which chec
 
 import time
 from collections import deque
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Sequence
 from struct import Struct
 from typing import Any
 
@@ -17,12 +16,14 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import FluidPressure, JointState, Temperature
 from std_msgs.msg import Float64
 
+from friction_estimator.bag.joint_reader import JointPlaces, JointReader
 from friction_estimator.bag.messages import EXTRACTORS, Decoder, LayoutError, NoValueError, Want
 from friction_estimator.core.intake.pairing import FRICTION, POSITION, STREAMS, VELOCITY
 from friction_estimator.core.intake.rhythm import Rhythm
 from friction_estimator.core.sample import NS_PER_S
 from friction_estimator.core.settings.groups import InputConfig
 from friction_estimator.core.text import LONGEST_NAME, shown
+from friction_estimator.ros.load import Load
 from friction_estimator.ros.motion import Motion, Told
 from friction_estimator.ros.quality import input_qos, with_overrides
 from friction_estimator.ros.receipt import ReceiptPairing
@@ -49,6 +50,38 @@ _NOTHING = Struct("<iId")
 def type_name(kind: type) -> str:
     """Return the ROS name of a message type, such as std_msgs/msg/Float64."""
     return f"{kind.__module__.split('.', maxsplit=1)[0]}/msg/{kind.__name__}"
+
+
+class Feed:
+    """What one estimate takes of the inputs.
+
+    Parameters
+    ----------
+    joint : its name in JointState messages; empty for the only one.
+    deliver : takes its events.
+    moves : takes whether one of several joints is linear or rotary, and why.
+    config : returns the settings of its inputs.
+
+    Attributes
+    ----------
+    rejected : messages that did not hold this joint of several, by reason; `absence` is the last one in words.
+    """
+
+    def __init__(self, joint: str, deliver: Deliver, moves: Told, config: Callable[[], InputConfig]) -> None:
+        self.joint, self.deliver, self.moves, self.config = joint, deliver, moves, config
+        self.rejected: dict[str, int] = {}
+        self.absence = ""
+
+    def reject(self, absence: str) -> None:
+        """Count a message that does not hold the joint; `absence` says why."""
+        reason = reason_of(absence)
+        self.absence = absence
+        self.rejected[reason] = self.rejected.get(reason, 0) + 1
+
+
+def reason_of(absence: str) -> str:
+    """Return under which reason a message without a joint's values is counted."""
+    return "wrong_joint" if absence.startswith(("no joint", "several joints")) else "empty"
 
 
 class Source:
@@ -206,7 +239,7 @@ class Source:
             self._read(raw)  # type: ignore[misc] # set before the topic is open
         except NoValueError as error:
             self.absence = shown(error, LONGEST_NAME)
-            self.reject("wrong_joint" if self.absence.startswith(("no joint", "several joints")) else "empty")
+            self.reject(reason_of(self.absence))
         except LayoutError:
             self.reject("malformed")
         except Exception as error:
@@ -220,27 +253,39 @@ class Inputs:
     ----------
     node : owner of the subscriptions.
     config : mode, axis and joint.
-    deliver : takes the events.
+    feeds : what takes the events: one, or one for each of several joints.
     on_error : takes exceptions.
     on_motion : takes whether the drive is linear or rotary, and why, as soon as it is known.
+    load : is told when a message for several joints arrived.
     """
 
     def __init__(
         self,
         node: Node,
         config: InputConfig,
-        deliver: Deliver,
+        feeds: Sequence[Feed],
         on_error: Callable[[str, Exception], None],
-        on_motion: Told = lambda motion, why: None,  # noqa: ARG005
+        load: Load,
+        on_motion: Told,
     ) -> None:
-        self._node, self._config, self._deliver, self._on_error = node, config, deliver, on_error
-        self.motion = Motion(node, on_motion)
-        """Whether the drive is linear or rotary."""
+        self._node, self._config, self._feeds, self._on_error = node, config, tuple(feeds), on_error
+        self._load = load
+        self._several = several = bool(config.joints)  # be it only one that is named so
+        self._deliver = self._to_all if several else self._feeds[0].deliver
+        self.motion = Motion(node, (lambda *_: None) if several else on_motion)
+        """Whether the drive is linear or rotary; each of several joints has its own."""
+        self._motions = [Motion(node, feed.moves) for feed in self._feeds] if several else []
         self.frame = NO_FRAME
         """Serialised frame of the last friction message."""
         self.sources: dict[str, Source] = {}
-        self.motion.configure(config)
+        self._configure_motion()
         self._open()
+
+    def _configure_motion(self) -> None:
+        self.motion.configure(self._config)
+        for motion, feed in zip(self._motions, self._feeds, strict=False):  # there are none of a single drive
+            motion.configure(feed.config())
+            motion.joint_is(feed.joint)
 
     def _wait(self, source: Source, raw: bytes) -> None:
         """Let a message wait until it is known what moves; then read all that waited."""
@@ -265,12 +310,27 @@ class Inputs:
             self._float64()
         self._stamped("pressure", FluidPressure)
         self._stamped("temperature", Temperature)
-        self._stamped("position", JointState)
+        if self._several:
+            self._positions()
+        else:
+            self._stamped("position", JointState)
+
+    def _to_all(self, stream: int, stamp_ns: int, value: float) -> None:
+        """Deliver an event of a channel that all joints share."""
+        for feed in self._feeds:
+            self._hand(feed, stream, stamp_ns, value)
+
+    def _hand(self, feed: Feed, stream: int, stamp_ns: int, value: float) -> None:
+        """Deliver an event to one of several joints; its failure is no other one's."""
+        try:
+            feed.deliver(stream, stamp_ns, value)
+        except Exception as error:
+            self._on_error(f"sample of {feed.joint}", error)
 
     def reconfigure(self, config: InputConfig) -> None:
         """Read by other settings from now on; only a change of the mode closes topics and opens others."""
         former, self._config = self._config, config
-        self.motion.configure(config)
+        self._configure_motion()
         if config.mode != former.mode:
             for name in [name for name, source in self.sources.items() if source.required]:
                 self.sources.pop(name).close()
@@ -293,7 +353,8 @@ class Inputs:
 
     def close(self) -> None:
         """Close all subscriptions."""
-        self.motion.close()
+        for motion in (self.motion, *self._motions):
+            motion.close()
         for source in self.sources.values():
             source.close()
 
@@ -343,43 +404,64 @@ class Inputs:
 
     def _joint_states(self) -> None:
         source = self._source("joint_states", JointState, required=True)
-        velocities = self._decoder(JointState, "velocity")
-        read_velocity = velocities.one
-        read_effort = self._decoder(JointState, "friction").one
-        read_position = self._decoder(JointState, "position").one
-        deliver, remember = self._deliver, source.stamps.append
-
-        velocity_from = self._config.velocity_from
-
-        def velocity_in(raw: bytes) -> float | None:
-            """Return the velocity; None where the position is to stand for it, and is there."""
-            if velocity_from != "position":
-                try:
-                    return read_velocity(raw)[1]
-                except NoValueError:
-                    if velocity_from == "topic":
-                        raise
-                    with suppress(NoValueError):
-                        read_position(raw)
-                        return None
-                    raise
-            read_position(raw)
-            return None
+        feeds, load = self._feeds, self._load
+        alone = not self._several
+        inputs = [self._config] if alone else [feed.config() for feed in feeds]
+        reader = JointReader([each.joint for each in inputs], [each.velocity_from for each in inputs])
+        remember, unusual = source.stamps.append, self._on_error
+        places: JointPlaces | None = None
 
         def receive(raw: bytes) -> None:
-            velocity = velocity_in(raw)
-            stamp_ns, effort = read_effort(raw)
-            frame = frame_in(raw)
-            if frame != source.frame:
-                source.seen(frame)
-                self.frame = frame
-                self.motion.joint_is(min(velocities.joints, default=""))
-            remember(stamp_ns)  # type: ignore[arg-type]
-            with suppress(NoValueError):
-                deliver(POSITION, stamp_ns, read_position(raw)[1])  # type: ignore[arg-type]
-            if velocity is not None:
-                deliver(VELOCITY, stamp_ns, velocity)  # type: ignore[arg-type]
-            deliver(FRICTION, stamp_ns, effort)  # type: ignore[arg-type]
+            nonlocal places
+            found = reader.places(raw)
+            if found is not places:  # the frame is among what fixes the places
+                places = found
+                source.seen(frame_in(raw))
+                self.frame = source.frame
+                if alone and found.joints:
+                    self.motion.joint_is(found.joints[0])
+            if found.absent:
+                if alone:
+                    raise NoValueError(found.absent[0][1])
+                for number, absence in found.absent:
+                    feeds[number].reject(absence)
+            numbers = found.unpack(raw)
+            stamp_ns = numbers[0] * NS_PER_S + numbers[1]
+            remember(stamp_ns)
+            load.message()
+            for number, position, velocity, effort in found.present:
+                deliver = feeds[number].deliver
+                try:
+                    if position:
+                        deliver(POSITION, stamp_ns, numbers[position])
+                    if velocity:
+                        deliver(VELOCITY, stamp_ns, numbers[velocity])
+                    deliver(FRICTION, stamp_ns, numbers[effort])
+                except Exception as error:
+                    unusual(f"sample of {feeds[number].joint}", error)
+            load.message_done()
+
+        source.subscribe(receive)
+
+    def _positions(self) -> None:
+        """Read the position of each of several joints from one topic."""
+        source = self._source("position", JointState, required=False)
+        extractor = EXTRACTORS[type_name(JointState)]
+        decoders = [(feed, Decoder(extractor, Want("position", joint=feed.joint))) for feed in self._feeds]
+
+        def receive(raw: bytes) -> None:
+            absences, stamp_ns = [], None
+            for feed, decoder in decoders:
+                try:
+                    stamp_ns, value = decoder.one(raw)
+                except NoValueError as error:
+                    absences.append(error)
+                else:
+                    self._hand(feed, POSITION, stamp_ns or 0, value)
+            if len(absences) == len(decoders):
+                raise absences[0]
+            source.stamps.append(stamp_ns or 0)
+            source.seen(frame_in(raw))
 
         source.subscribe(receive)
 

@@ -30,7 +30,7 @@ from friction_estimator.core.settings.groups import (
     StateConfig,
     SyncConfig,
 )
-from friction_estimator.core.settings.joints import plain_names
+from friction_estimator.core.settings.joint_names import plain_names
 from friction_estimator.core.settings.setting import Parameter, Value, setting, walk
 from friction_estimator.core.settings.theory_groups import SealConfig, StribeckConfig, TheoryConfig
 
@@ -202,7 +202,7 @@ RETIRED = {
 PARAMETERS: dict[str, Parameter] = {item.name: item for item in walk(Config)}
 
 PATHS = tuple(name for name, item in PARAMETERS.items() if item.path)
-"""Parameters that name a file: relative to the parameter file that holds them."""
+"""Parameters that name a file: relative to the parameter file that holds them; of one joint they end so."""
 
 
 def retired(names: Iterable[str]) -> list[str]:
