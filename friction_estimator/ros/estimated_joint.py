@@ -19,10 +19,11 @@ from friction_estimator.core.settings.config import PARAMETERS, Config
 from friction_estimator.core.settings.units import MOTION_S, REVERSALS
 from friction_estimator.ros.background import Background
 from friction_estimator.ros.build import build, supposed, without_learned
+from friction_estimator.ros.inputs import Inputs
 from friction_estimator.ros.load import Load
 from friction_estimator.ros.log import SafeLogger
 from friction_estimator.ros.outputs import Outputs
-from friction_estimator.ros.sources import Feed, Inputs
+from friction_estimator.ros.source import Feed
 from friction_estimator.ros.state_keeper import StateKeeper
 from friction_estimator.ros.stream import SampleStream
 from friction_estimator.ros.wire import NO_FRAME

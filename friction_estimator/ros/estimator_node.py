@@ -19,8 +19,8 @@ from friction_estimator.ros.arguments import beside_its_file
 from friction_estimator.ros.build import warm_up
 from friction_estimator.ros.estimated_joint import EstimatedJoint
 from friction_estimator.ros.health import Health
+from friction_estimator.ros.inputs import Inputs
 from friction_estimator.ros.parameters import ConfiguredNode, to_ros
-from friction_estimator.ros.sources import Inputs
 
 NAME = "friction_estimator"
 

@@ -15,8 +15,8 @@ from friction_estimator.ros.estimated_joint import EstimatedJoint
 from friction_estimator.ros.estimator_status import EstimatorStatus
 from friction_estimator.ros.growth import Growth
 from friction_estimator.ros.input_status import InputStatus
+from friction_estimator.ros.inputs import Inputs
 from friction_estimator.ros.load import Load
-from friction_estimator.ros.sources import Inputs
 
 
 class Health:

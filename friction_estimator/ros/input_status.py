@@ -11,8 +11,9 @@ from rclpy.node import Node
 from friction_estimator.core.sample import NS_PER_S
 from friction_estimator.core.settings.config import Config
 from friction_estimator.ros.growth import Growth
+from friction_estimator.ros.inputs import Inputs
 from friction_estimator.ros.silence import Finding, Findings, explain, motion_findings, stamp_offset_s
-from friction_estimator.ros.sources import Inputs, Source
+from friction_estimator.ros.source import Source
 from friction_estimator.ros.stream import SampleStream
 
 GRACE_S = 2.0

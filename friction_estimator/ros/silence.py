@@ -18,7 +18,8 @@ from sensor_msgs.msg import JointState
 from friction_estimator.core.sample import NS_PER_S
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.text import LONGEST_NAME, shown
-from friction_estimator.ros.sources import Inputs, Source, type_name
+from friction_estimator.ros.inputs import Inputs
+from friction_estimator.ros.source import Source, type_name
 from friction_estimator.ros.wire import frame_id
 
 REPEAT_S = 60.0
