@@ -216,6 +216,7 @@ class EstimatedJoint:
             self._unusable(str(error))
             raise
         estimator.retune(self.config)
+        self._snapshot = (0.0, None)  # what was read before the end of the contact is no more
         told = f"first contact ended, {self.stream.held_back} samples waited"
         if self.stream.dropped:
             told += f" and {self.stream.dropped} before them were let go"
