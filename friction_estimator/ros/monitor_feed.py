@@ -1,6 +1,5 @@
 """Hears what a running node publishes for people, and keeps the last of it."""
 
-import re
 import threading
 import time
 from collections.abc import Sequence
@@ -17,6 +16,7 @@ from std_msgs.msg import Float64MultiArray
 from friction_estimator.core.decimation import MONITOR_WIDTH
 from friction_estimator.core.errors import InputError
 from friction_estimator.core.quantities import LINEAR, ROTARY, Quantities
+from friction_estimator.core.settings.joint_names import plain_name
 from friction_estimator.report.live.seen import Seen
 
 KEPT_ROWS = 40_000
@@ -39,8 +39,7 @@ class MonitorFeed:
         self._lock = threading.Lock()
         self._seen, self._rows, self._heard_at = Seen(), np.empty((0, MONITOR_WIDTH)), 0.0
         self._owner, self._joint = "/" + node.strip("/"), joint
-        # A joint's part of the topics, as the node writes it.
-        self._prefix = f"{self._owner}/{re.sub('[^A-Za-z0-9_]', '_', joint)}" if joint else self._owner
+        self._prefix = f"{self._owner}/{plain_name(joint)}" if joint else self._owner
         self._context = rclpy.Context()
         rclpy.init(args=["watch", *arguments], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self._node = rclpy.create_node("friction_estimator_watch", context=self._context)

@@ -52,7 +52,7 @@ class Seen:
     def silence(self) -> str:
         """Why nothing moves, "" where something does."""
         if not self.publishers:
-            return "no node publishes this topic; it is not started, or its name is another (--node)"
+            return "no node publishes this topic; it is not started, or its name or joint is another (--node, --joint)"
         if self.silent_s == float("inf"):
             return "the node is there, and has not predicted anything yet"
         if self.silent_s > SILENT_S:
