@@ -1,11 +1,13 @@
 """The pages in a browser without a network: nothing complains, charts answer to pointer, buttons and keys."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from browser import Browser, needs_browser, wait
 
+from friction_estimator.cli.main import main
 from friction_estimator.core.online.replay import Replay, replay
 from friction_estimator.core.quantities import Quantities
 from friction_estimator.core.sample import Samples, joined
@@ -54,7 +56,7 @@ def many(result: Replay, times: int) -> Replay:
 
 
 def summary_of(result: Replay, bags=("a",)) -> dict:
-    return {"law": "rls", "bags": list(bags), **result.figures()}
+    return {"law": "rls", "theory": "seal", "bags": list(bags), **result.figures()}
 
 
 def written(result: Replay, path, **more):
@@ -169,3 +171,27 @@ def test_a_hostile_name_stays_text(browser, replayed, tmp_path):
     assert browser.js("document.title") == "Friction estimated"
     assert "onerror" in browser.js("document.querySelector('.lead').textContent")
     assert browser.js("document.querySelectorAll('img').length") == 0
+
+
+def test_a_diagnosis_tells_its_cause_and_shows_it(browser, tmp_path):
+    bag = Path(__file__).parents[1] / "bags" / "crank_inertia"
+    settings = tmp_path / "seal.yaml"
+    settings.write_text("/**:\n  ros__parameters:\n    theory: {kind: seal}\n")
+    assert main(["diagnose", str(bag), "--config", str(settings), "--out", str(tmp_path / "out")]) == 0
+    browser.open(tmp_path / "out" / "report.html", 375)
+    browser.draw_all()
+    assert browser.complaints() == []
+    assert browser.js("document.documentElement.scrollWidth") <= 375
+    card = "document.querySelector('.card')"
+    assert browser.js(f"{card}.querySelector('code').textContent") == "inertia"
+    assert "kg" in browser.js(f"{card}.querySelector('.facts').textContent")
+    # The bar is as long as the gain that the text says, within its interval.
+    bar = float(browser.js(f"{card}.querySelector('.bar').getAttribute('width')"))
+    low = float(browser.js(f"{card}.querySelector('.interval').getAttribute('x')"))
+    assert low < bar < 100.0
+    assert f"by {bar:.1f} %" in browser.js(f"{card}.querySelector('.gain').textContent")
+    for name in ("before_left", "after_left"):
+        assert browser.js(f"[...Bokeh.documents].filter((d) => d.get_model_by_name('{name}')).length") == 1
+    # What was looked for is there when it is asked for.
+    browser.js("document.querySelector('details').open = true")
+    assert "Sensor bias" in browser.js("document.querySelector('details').innerText")
