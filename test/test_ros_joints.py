@@ -27,7 +27,8 @@ pytestmark = pytest.mark.ros
 NODE = "/friction_estimator"
 JOINTS = ("arm/elbow", "wrist ä", "stuck", "blind", "absent")
 PLAIN = ("arm_elbow", "wrist__", "stuck", "blind", "absent")
-SEVERAL = {"input.mode": "joint_state", "input.joints": list(JOINTS)}
+LINEAR = {"input.mode": "joint_state", "input.motion": "linear"}  # `force` reads wrench.force
+SEVERAL = {**LINEAR, "input.joints": list(JOINTS)}
 
 
 @pytest.fixture
@@ -51,7 +52,7 @@ def arm(count, rate_hz=500.0):
 def offline(folder, stamps, messages, joint, **values):
     """Return the stamps and predictions of `replay --joint` on a recording of the same messages."""
     bag = write_joint_bag(folder / "run", {"/joint_states": messages}, stamps=stamps)
-    config = Config.from_mapping({"input.mode": "joint_state", "input.joint": joint} | values)
+    config = Config.from_mapping({**LINEAR, "input.joint": joint} | values)
     samples = to_samples(read_recording(bag, config.input), config).samples
     made = replay(samples, config)
     return made.samples.stamp_ns.tolist(), made.predicted_N
@@ -114,7 +115,7 @@ def call(graph, kind, name, **fields):
 
 def test_what_each_joint_learns_is_its_own(graph, tmp_path):
     """Services, parameters and state files by joint; what is done to one leaves the other to the bit."""
-    two = {"input.mode": "joint_state", "input.joints": list(JOINTS[:2]), "state.file": str(tmp_path / "state.json")}
+    two = {**LINEAR, "input.joints": list(JOINTS[:2]), "state.file": str(tmp_path / "state.json")}
     process = graph.start_node(two, units=False)
     stamps, messages = arm(3000)
     elbow, wrist = (graph.hear(WrenchStamped, f"{NODE}/{plain}/friction_predicted", raw=True) for plain in PLAIN[:2])

@@ -342,6 +342,10 @@ class EstimatedJoint:
         self._snapshot = (now, config)
         return config
 
+    def reread(self) -> None:
+        """Let the next question be answered anew: the last one was not a user's."""
+        self._snapshot = (0.0, None)
+
     def _learned_changed(self) -> None:
         self._snapshot = (0.0, None)
         self.keeper.changed()

@@ -1,6 +1,6 @@
 """The node `friction_estimator`: inputs, parameters, services and timers around one `EstimatedJoint` or several."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -112,6 +112,12 @@ class EstimatorNode(ConfiguredNode):
             joint.move(motion)
         self.describe_units({"": Quantities(motion)})
         self.get_logger().info(f"the drive is {motion}: {why}")
+
+    def describe_units(self, quantities: Mapping[str, Quantities]) -> None:
+        """Let the descriptors say the units of the joints."""
+        super().describe_units(quantities)
+        for joint in self.joints.values():  # rclpy has read every value
+            joint.reread()
 
     def _describe_joints(self) -> None:
         self.describe_units({plain: joint.quantities for plain, joint in self.joints.items()})
