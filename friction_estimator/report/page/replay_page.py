@@ -101,9 +101,11 @@ def _percent(share: float) -> str:
 
 
 def _times(factor: float) -> str:
-    """Return a comparison in words: 22 times better, 1.3 times worse."""
+    """Return a comparison in words: 22 times better, no better, 1.3 times worse."""
     if not np.isfinite(factor):
         return "not comparable"
+    if 1.0 / trust.CLEARLY < factor < trust.CLEARLY:
+        return "no better"
     return f"{factor:.2g} times better" if factor >= 1.0 else f"{1.0 / max(factor, 1e-12):.2g} times worse"
 
 

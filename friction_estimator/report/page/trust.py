@@ -84,7 +84,13 @@ def trust(
     scores : what was predicted without learning, by name. fitted : True for a batch fit, whose samples were all known.
     diverged : as `Replay.figures` has it.
     """
-    found = [*_ending(result, q, fitted, diverged), *_elsewhere(scores, q), *_theory(result), *_covered(result, q)]
+    found = [
+        *_ending(result, q, fitted, diverged),
+        *_elsewhere(scores, q),
+        *_theory(result),
+        *_covered(result, q),
+        *(Finding(CAUTION, one.text, Advice(_sentence(one.advice))) for one in result.shortcomings),
+    ]
     if not scores:
         found.append(
             Finding(
@@ -111,7 +117,10 @@ def trust(
 
 
 def _reasons(found: list[Finding]) -> str:
-    text = "; ".join(one.reason for one in found)
+    return _sentence("; ".join(one.reason for one in found))
+
+
+def _sentence(text: str) -> str:
     return text[0].upper() + text[1:] + "."
 
 
