@@ -288,7 +288,7 @@ def chosen(topics, named=None, mode="stamped", hollow=()):
     def probe(_, topic):
         return "it is hollow" if topic.name in hollow else ""
 
-    return {k: t.name for k, t in assign("BAG", topics, named or {}, mode, probe).topics.items()}
+    return {k: t.name for k, t in assign("BAG", topics, named or {}, mode, probe=probe).topics.items()}
 
 
 BOTH = {"velocity": "/velocity", "friction": "/friction"}
