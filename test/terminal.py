@@ -4,6 +4,7 @@ import fcntl
 import os
 import pty
 import select
+import signal
 import struct
 import subprocess
 import termios
@@ -12,6 +13,13 @@ from collections.abc import Callable
 from typing import Any
 
 LIMIT_S = 60.0
+
+
+def _as_from_a_terminal() -> None:
+    """Take the terminal, and the signals that whoever started the tests in the background ignores."""
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+    for number in (signal.SIGINT, signal.SIGQUIT):
+        signal.signal(number, signal.SIG_DFL)
 
 
 class Terminal:
@@ -30,7 +38,7 @@ class Terminal:
         self.process = subprocess.Popen(
             command, env=environment, stdin=self._slave, stdout=self._slave, stderr=self._slave,
             start_new_session=True,
-            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),  # noqa: PLW1509 - takes no lock
+            preexec_fn=_as_from_a_terminal,  # noqa: PLW1509 - takes no lock
         )  # fmt: skip
 
     def __enter__(self) -> "Terminal":

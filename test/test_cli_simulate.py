@@ -114,7 +114,7 @@ def test_help_ends_with_an_example(capsys):
     ("words", "message"),
     [
         ([], "--out BAG is missing"),
-        (["--effect", "gravity"], "unknown effect 'gravity': choose one of"),
+        (["--effect", "gravitation"], "unknown effect 'gravitation': choose one of"),
         (["--effect", "inertia:weight=2"], "has no key 'weight'"),
         (["--effect", "inertia:mass=x"], "mass='x' is no number"),
         (["--effect", "pressure_dependence:size=0.1"], "cannot reach size=0.1"),
@@ -128,7 +128,7 @@ def test_help_ends_with_an_example(capsys):
         (["--noise", "-1"], "a noise of -1"),
         (["--cycles", "0"], "0 cycles"),
         (["--temperature", "200"], "outside -40 to 150 degC"),
-        (["--eccentric", "0.2"], "too short"),
+        (["--eccentric", "0.2", "--rod", "0.1"], "too short"),
         (["--seed", "-3"], "a seed of -3"),
     ],
 )

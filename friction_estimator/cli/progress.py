@@ -47,6 +47,10 @@ _open: "dict[tqdm[Any], float]" = {}
 """Bars on the terminal, and how much of the compilation is taken out of their time, s."""
 
 
+def _unseen(done: int, total: int | None = None) -> None:
+    """Advance nothing."""
+
+
 @contextmanager
 def progress(label: str, total: int | None = None, unit: str = "samples") -> Iterator[Advance]:
     """Yield an `Advance`; it moves a bar on a terminal and does nothing in a pipe, nor where the total is zero.
@@ -55,7 +59,7 @@ def progress(label: str, total: int | None = None, unit: str = "samples") -> Ite
     and compiling it say nothing of the rate.
     """
     if not sys.stderr.isatty() or total == 0:
-        yield lambda _done, _total=None: None
+        yield _unseen
         return
     from tqdm import tqdm  # noqa: PLC0415 - `--help` needs none
 
