@@ -296,7 +296,8 @@ def measured_seal(shared_data: Path, seal: str) -> list[Samples]:
 
 
 SEALS = [
-    pytest.param((seal, given), id=f"{seal}-{how}")
+    # One worker for the two tests of a seal, which share a diagnosis of minutes.
+    pytest.param((seal, given), id=f"{seal}-{how}", marks=pytest.mark.xdist_group(f"{seal}-{how}"))
     for seal in ("O-ring257", "X-ring257")
     for how, given in (("alone", {"model.type": "hammerstein", "theory.kind": "none"}), ("theory", {}))
 ]
