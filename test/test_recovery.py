@@ -8,7 +8,7 @@ from synthetic import MODELS, RATE, config_for, samples_of
 
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.online import workspace
-from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.core.online.estimator import CHOSEN_UNITS, Estimator
 from friction_estimator.core.sample import Samples
 
 CYCLE = round(RATE / 0.9)
@@ -211,6 +211,7 @@ def test_a_state_of_version_3_is_read_and_goes_on():
     state = estimator.state()
     for name in ("kept", "kept_root", "trial", "hold"):
         del state["arrays"][name]
+    state["chosen"] = {name: state["chosen"][name] for name in CHOSEN_UNITS}
     state["arrays"]["moments"] = np.insert(state["arrays"]["moments"], [1, 1, 3], [1e-4, 1e-4, 0.0])
     other = estimator_for(samples, "parallel")
     other.restore(state | {"version": 3})

