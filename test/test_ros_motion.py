@@ -26,7 +26,12 @@ pytestmark = pytest.mark.ros
 NODE = "/friction_estimator"
 PREDICTED = f"{NODE}/friction_predicted"
 TORQUE = 3
-ROTARY_UNITS = {"basis.velocity_range": [-60.0, 60.0], "force_unit": 0.2}
+ROTARY_UNITS = {
+    "theory.kind": "stribeck",
+    "stribeck.coulomb": [0.15, 0.15],
+    "basis.velocity_range": [-60.0, 60.0],
+    "force_unit": 0.2,
+}
 LINEAR_WORDS = re.compile(r"m/s\b|N s/m|\bkg\b|\bseal\b|\(N\)|\d N\b(?! m)")
 ROTARY_WORDS = re.compile(r"\brad\b|N m\b|torque")
 

@@ -288,7 +288,8 @@ def test_what_is_saved_while_samples_come_is_of_one_moment(tmp_path):
     """The compiled loop lets threads run in the middle of a sample; what they save is what was when it was time to."""
     path = tmp_path / "state.json"
     keeper, _ = keeper_of(path, period=1e-9)
-    estimator = Estimator(Config.from_mapping({"basis.velocity_range": [-0.1, 0.1], "force_unit": 5.0}))
+    units = {"theory.kind": "seal", "basis.velocity_range": [-0.1, 0.1], "force_unit": 5.0}
+    estimator = Estimator(Config.from_mapping(units))
     velocity = 0.09 * np.sin(0.3 * np.arange(300))
     samples = samples_of(velocity, 4.0 * np.sign(velocity))
     states: dict[int, bytes] = {}

@@ -5,7 +5,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import csc_array, csr_array, diags_array, eye_array
+from scipy.sparse.linalg import splu
 
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.intake import standstill
@@ -135,19 +136,20 @@ def _edge_holder(before: Model, after: Model) -> Callable[[Floats], Floats]:
     place, theirs = wide.places_of(before.basis), wide.places_of(basis)
     velocity = wide.cell_velocities(POINTS_A_CELL)
     index, value = wide.rows(velocity)
-    dense = np.zeros((velocity.size, wide.size))
-    np.put_along_axis(dense, index.astype(np.int64), value, axis=1)
+    # Sparse: at any velocity a few functions differ from zero, and a range in wrong units holds thousands.
+    begins = np.arange(0, index.size + 1, index.shape[1])
+    psi = csr_array((value.ravel(), index.ravel(), begins), shape=(velocity.size, wide.size))
     held, at_edge = before.basis.rows(velocity)  # rows are held at the edge outside
     importance = 1.0 / np.where(before.basis.inside(velocity), WITHIN_DEVIATION, BEYOND_DEVIATION)
     scale = after.config.prior.weight_deviation * wide.prior_scale(after.config.prior.weight_slope)
-    columns = dense * scale * importance[:, None]
-    gram = cho_factor(columns.T @ columns + np.eye(wide.size))
+    columns = diags_array(importance) @ psi @ diags_array(scale)
+    solve = splu(csc_array(columns.T @ columns + eye_array(wide.size))).solve
 
     def hold(weights: Floats) -> Floats:
         larger = np.zeros(wide.size)
         larger[place] = weights
         wanted = np.sum(weights[held] * at_edge, axis=1)
-        larger += scale * cho_solve(gram, columns.T @ (importance * (wanted - dense @ larger)))
+        larger += scale * solve(columns.T @ (importance * (wanted - psi @ larger)))
         return np.asarray(larger[theirs])
 
     return hold

@@ -112,7 +112,7 @@ class Parameter:
         """
         if self.is_array:
             if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
-                raise ConfigError(f"{self.name}: {_told(value)} is no array")
+                raise ConfigError(f"{self.name}: {_told(value)} is no array: write [{_told(value)}]")
             return tuple(self._scalar(item, f"{self.name}[{i}]") for i, item in enumerate(value))
         return cast(Value, self._scalar(value, self.name))
 
