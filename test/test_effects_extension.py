@@ -81,7 +81,7 @@ def test_the_estimator_learns_a_hidden_mass_online() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("gravity", "unknown effect"),
+        ("gravitation", "unknown effect"),
         ("quantization:step=1", "has no regressor"),
         ("presliding", "length is missing"),
         ("presliding:length=a", "is not key=number"),

@@ -22,6 +22,8 @@ from friction_estimator.rig.simulate import Scenario, Simulation, simulate
 ABBA = tuple(segment(t, psi, s) for psi in (50.0, 200.0, 200.0, 50.0) for t, s in ((1.0, 6.0), (5.0, 10.0)))
 SHORT = (segment(1.0, 50.0, 8.0), segment(3.0, 50.0, 12.0))
 
+SEAL = Config.from_mapping({"theory.kind": "seal"})
+
 
 def run(
     *effects: str, seed: int = 3, noise: float = 0.01, segments: tuple[Segment, ...] = ABBA, rate_hz: float = 200.0
@@ -31,20 +33,20 @@ def run(
 
 
 def view(samples: Samples) -> DataView:
-    record = build_record([samples], Config())
-    return view_of(record, record.context(Config(), float(np.abs(record.friction_N).max())), [])
+    record = build_record([samples], SEAL)
+    return view_of(record, record.context(SEAL, float(np.abs(record.friction_N).max())), [])
 
 
 def found(samples: Samples) -> list[Fault]:
-    record = build_record([samples], Config())
-    return repaired(record, Config(), record.context(Config(), float(np.abs(record.friction_N).max())))[2]
+    record = build_record([samples], SEAL)
+    return repaired(record, SEAL, record.context(SEAL, float(np.abs(record.friction_N).max())))[2]
 
 
 def scatter(samples: Samples) -> Fault | None:
     """What stick-slip's test says of what the base model leaves."""
-    record = build_record([samples], Config())
-    context = record.context(Config(), float(np.abs(record.friction_N).max()))
-    left = JointFit(BaseProblem(record, Config(), Capacity(SPLINES, Config().fir.order)), context)().residual_N
+    record = build_record([samples], SEAL)
+    context = record.context(SEAL, float(np.abs(record.friction_N).max()))
+    left = JointFit(BaseProblem(record, SEAL, Capacity(SPLINES, SEAL.fir.order)), context)().residual_N
     return EFFECTS["stick_slip"].detect(replace(view_of(record, context, []), residual_N=left, pairs=pairs(record)))
 
 
@@ -102,11 +104,11 @@ def test_sound_data_have_no_fault(noise: float, seed: int) -> None:
 def test_a_wrapped_position_is_repaired_completely() -> None:
     made = run("wrapped_position:modulus=0.0117")
     clean = run().samples.position_m
-    record = build_record([made.samples], Config())
+    record = build_record([made.samples], SEAL)
     fault = EFFECTS["wrapped_position"].detect(view(made.samples))
     assert fault is not None
     assert fault.repaired == "completely"
-    whole = with_repair(record, Config(), fault).features.position_m
+    whole = with_repair(record, SEAL, fault).features.position_m
     assert clean is not None
     np.testing.assert_allclose(whole - whole[0], clean - clean[0], atol=1e-4 * 0.0117)
 

@@ -187,4 +187,6 @@ def static_curves(config: Config, parameters: Parameters, samples: Samples, poin
         if (channel := getattr(samples, name)) is not None
     }
     probe = Samples(np.arange(points), v, np.zeros(points), np.ones(points, np.bool_), **held)
-    return v, model.static_map(parameters.theta, v), model.theoretical_friction(probe)
+    # A Hammerstein model has no theory of its own; the claims compare its g with that of the parallel one.
+    theory = Model(config.updated({"model.type": "parallel"}))
+    return v, model.static_map(parameters.theta, v), theory.theoretical_friction(probe)

@@ -105,7 +105,8 @@ class Estimator:
 
     Examples
     --------
-    >>> config = Config.from_mapping({"basis.velocity_range": [-0.1, 0.1], "force_unit": 5.0})
+    >>> known = {"basis.velocity_range": [-0.1, 0.1], "force_unit": 5.0, "theory.kind": "seal"}
+    >>> config = Config.from_mapping(known)
     >>> estimator = Estimator(config)
     >>> round(estimator.step(stamp_ns=1, velocity_m_s=0.02, friction_N=4.0), 2) > 0  # the theory, before learning
     True

@@ -62,7 +62,8 @@ class LiveStep(Events):
 
     Examples
     --------
-    >>> config = Config.from_mapping({"basis.velocity_range": [-0.2, 0.2], "force_unit": 5.0})
+    >>> known = {"basis.velocity_range": [-0.2, 0.2], "force_unit": 5.0, "theory.kind": "seal"}
+    >>> config = Config.from_mapping(known)
     >>> step = LiveStep(Intake(config), config)
     >>> step.stream[:2], step.stamp_ns[:2], step.value[:2] = (0, 1), (7, 7), (0.1, 3.0)
     >>> [(stamp, friction) for stamp, _, friction, _, _ in step.run(2, learn=True)]
