@@ -38,7 +38,7 @@ def judgement(samples: Samples, predicted: np.ndarray | None = None, top: float 
 
 
 def named(judged: Judgement) -> list[str]:
-    return [one.name for one in shortcomings(judged, judged.standing())]
+    return [one.name for one in shortcomings(judged)]
 
 
 def test_nothing_is_named_where_the_prediction_is_good_or_the_error_is_noise():
@@ -53,7 +53,7 @@ def test_a_shaft_that_is_stuck():
     held = np.where(velocity == 0.0, 2.0 * np.sin(np.arange(COUNT) / 50.0), 0.0)
     judged = judgement(replace(samples, friction_N=samples.friction_N + held))
     assert named(judged) == ["standstill"]
-    moving = in_motion(judged, judged.standing())
+    moving = in_motion(judged)
     assert moving.standing_share == pytest.approx(0.75, abs=0.02)
     assert moving.nrmse < 0.05
     assert moving.baselines["coulomb_viscous"] < 0.1
@@ -78,7 +78,7 @@ def test_a_load_is_named_by_its_kind(kinds):
     acceleration = np.gradient(samples.velocity_m_s, 1.0 / RATE)
     load = {"inertia": 3.0 * acceleration, "spring": 2.0 * position, "gravity": 4.0 * np.sin(position + 0.3)}
     effort = samples.friction_N + sum(load[kind] for kind in kinds)
-    found = shortcomings(judged := judgement(replace(samples, friction_N=effort)), judged.standing())
+    found = shortcomings(judgement(replace(samples, friction_N=effort)))
     assert [one.name for one in found] == ["load"]
     if kinds != ["spring"]:  # over a small swing a spring and gravity are one
         assert all(kind in found[0].advice for kind in kinds)

@@ -145,12 +145,12 @@ class Replay:
         return frozen_score(self.samples, self.predicted_N, self.theory_N, scored, self.baseline_curves)
 
     @cached_property
-    def _judgement(self) -> tuple[Judgement, Bools]:
-        """What was predicted without learning (all of it where everything was learned), and where the shaft stands."""
+    def _judgement(self) -> Judgement:
+        """What was predicted without learning; all of it where everything was learned."""
         frozen = ~self.learned
         scored = metrics.settled(self.samples.restart, self.config.fir.order)
         model = self.estimator.model
-        judged = Judgement(
+        return Judgement(
             samples=self.samples,
             predicted_N=self.predicted_N,
             learned=self.learned,
@@ -158,17 +158,16 @@ class Replay:
             top_speed_m_s=max(abs(end) for end in model.basis.reach),
             has_loads=frozenset(part.name for part in (*model.load.known, *model.load.unknown)),
         )
-        return judged, judged.standing()
 
     @cached_property
     def in_motion(self) -> InMotion:
         """The score of what was predicted without learning (or of all) over the samples in motion."""
-        return in_motion(*self._judgement)
+        return in_motion(self._judgement)
 
     @cached_property
     def shortcomings(self) -> tuple[Shortcoming, ...]:
         """What in the record the model cannot follow, and what helps."""
-        return shortcomings(*self._judgement)
+        return shortcomings(self._judgement)
 
     def judge(self, name: str, samples: Samples, extension: Extension | None = None) -> Judged:
         """Predict another recording with the values learned, frozen; delay lines start afresh, nothing changes here.

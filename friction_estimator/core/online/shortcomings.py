@@ -6,8 +6,9 @@ were predicted without learning where there are any; what it names is a share of
 that was tested (that is `diagnose`'s).
 """
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -17,7 +18,7 @@ from friction_estimator.core.fit.baselines import StaticCurve
 from friction_estimator.core.fit.frozen_score import CURVES, curves_learned
 from friction_estimator.core.intake.acceleration import slopes
 from friction_estimator.core.intake.standstill import standstill
-from friction_estimator.core.model.load import LOADS, Motion
+from friction_estimator.core.model.load import LOADS, SampleMotion
 from friction_estimator.core.sample import Bools, Floats, Samples
 
 GOOD_NRMSE = 0.1
@@ -43,6 +44,9 @@ HALF_WIDTH = 5
 
 MOST_LOADS = 2
 
+SINGULAR = 1e-14
+"""Share of the largest eigenvalue of the moments below which a direction is rounding."""
+
 
 @dataclass(frozen=True)
 class Shortcoming:
@@ -59,6 +63,11 @@ class Shortcoming:
     share_percent: float
     text: str
     advice: str
+
+    @property
+    def is_worth_naming(self) -> bool:
+        """Whether its share is large enough."""
+        return self.share_percent >= 100.0 * LEAST_SHARE
 
 
 @dataclass(frozen=True)
@@ -100,14 +109,15 @@ class Judgement:
         """Measured minus predicted, (n,)."""
         return self.samples.friction_N - self.predicted_N
 
+    @cached_property
     def standing(self) -> Bools:
-        """Return where the shaft stands, (n,)."""
+        """Where the shaft stands, (n,)."""
         return standstill(self.samples, self.top_speed_m_s)
 
 
-def in_motion(judged: Judgement, standing: Bools) -> InMotion:
+def in_motion(judged: Judgement) -> InMotion:
     """Return the score without the samples at standstill."""
-    samples = judged.samples
+    samples, standing = judged.samples, judged.standing
     moves = judged.scored & ~standing
     measured = samples.friction_N[moves]
     curves: dict[str, StaticCurve] = {}
@@ -123,7 +133,7 @@ def in_motion(judged: Judgement, standing: Bools) -> InMotion:
     return InMotion(int(moves.sum()), share, metrics.nrmse(measured, judged.predicted_N[moves]), scores)
 
 
-def shortcomings(judged: Judgement, standing: Bools) -> tuple[Shortcoming, ...]:
+def shortcomings(judged: Judgement) -> tuple[Shortcoming, ...]:
     """Return what the model cannot follow, the largest share first; nothing where it predicts well.
 
     Examples
@@ -133,10 +143,10 @@ def shortcomings(judged: Judgement, standing: Bools) -> tuple[Shortcoming, ...]:
     >>> stuck = 0.5 * np.sin(np.arange(n) / 7) * (v == 0.0)
     >>> record = Samples(np.arange(n) * 10**7, v, np.sign(v) + stuck, np.arange(n) == 0)
     >>> judged = Judgement(record, np.sign(v), v != 0.0, np.ones(n, bool), 1.0, frozenset())
-    >>> [one.name for one in shortcomings(judged, judged.standing())]
+    >>> [one.name for one in shortcomings(judged)]
     ['standstill']
     """
-    samples, scored, error = judged.samples, judged.scored, judged.error_N
+    samples, scored, error, standing = judged.samples, judged.scored, judged.error_N, judged.standing
     measured = samples.friction_N[scored]
     total = float(np.sum(np.square(error[scored])))
     score = metrics.nrmse(measured, judged.predicted_N[scored])
@@ -150,21 +160,21 @@ def shortcomings(judged: Judgement, standing: Bools) -> tuple[Shortcoming, ...]:
     other = _other_way(samples.velocity_m_s, judged.learned & ~standing)
     beyond = _never_met(samples.velocity_m_s, judged.learned)
     found = [
-        *_standing(share(standing), float(np.mean(standing[scored]))),
-        *_direction(moves & other, share),
-        *_speeds(moves & beyond & ~other, share),
+        _standing(share(standing), float(np.mean(standing[scored]))),
+        _direction(share(moves & other)),
+        _speeds(share(moves & beyond & ~other)),
     ]
     within = moves & ~beyond
     left = share(within)
     if left >= LEAST_SHARE and np.count_nonzero(within) >= LEAST_SAMPLES:
-        loads = [one for one in _load(judged, within, left) if one.share_percent >= 100.0 * LEAST_SHARE]
-        found += loads or _time(judged, within, left)  # a load that turns with the shaft changes with time, too
-    kept = [one for one in found if one.share_percent >= 100.0 * LEAST_SHARE]
-    return tuple(sorted(kept, key=lambda one: -one.share_percent))
+        load = _load(judged, within, left)
+        # A load that turns with the shaft changes with time, too.
+        found.append(load if load is not None and load.is_worth_naming else _time(judged, within, left))
+    return tuple(sorted((one for one in found if one.is_worth_naming), key=lambda one: -one.share_percent))
 
 
-def _standing(share: float, of_samples: float) -> Iterator[Shortcoming]:
-    yield Shortcoming(
+def _standing(share: float, of_samples: float) -> Shortcoming:
+    return Shortcoming(
         "standstill",
         100.0 * share,
         f"{share:.0%} of the squared error is where the shaft stands ({of_samples:.0%} of the samples): there the "
@@ -189,60 +199,52 @@ def _never_met(velocity: Floats, learned: Bools) -> Bools:
     return np.asarray((velocity < velocity[learned].min()) | (velocity > velocity[learned].max()))
 
 
-def _direction(other: Bools, share: Callable[[Bools], float]) -> Iterator[Shortcoming]:
-    yield Shortcoming(
+def _direction(share: float) -> Shortcoming:
+    return Shortcoming(
         "direction",
-        100.0 * share(other),
-        f"{share(other):.0%} of the squared error is in a direction that nothing was learned of",
+        100.0 * share,
+        f"{share:.0%} of the squared error is in a direction that nothing was learned of",
         "learn from a drive that goes both ways",
     )
 
 
-def _speeds(beyond: Bools, share: Callable[[Bools], float]) -> Iterator[Shortcoming]:
-    yield Shortcoming(
+def _speeds(share: float) -> Shortcoming:
+    return Shortcoming(
         "speeds",
-        100.0 * share(beyond),
-        f"{share(beyond):.0%} of the squared error is at speeds that nothing was learned of",
+        100.0 * share,
+        f"{share:.0%} of the squared error is at speeds that nothing was learned of",
         "learn from a drive that covers the speeds of use",
     )
 
 
-@dataclass(frozen=True)
-class _Motion:
-    acceleration_m_s2: Floats
-    position_m: Floats
-
-
-def _motion(samples: Samples) -> Motion:
+def _motion(samples: Samples) -> SampleMotion:
     acceleration = np.empty(len(samples))
     slopes(samples.stamp_ns, samples.velocity_m_s, samples.restart, HALF_WIDTH, 0, len(samples), acceleration)
-    position = samples.position_m
-    return _Motion(acceleration, np.zeros(len(samples)) if position is None else np.nan_to_num(position))
+    position = None if samples.position_m is None else np.nan_to_num(samples.position_m)
+    return SampleMotion(replace(samples, acceleration_m_s2=acceleration, position_m=position))
 
 
-def _load(judged: Judgement, within: Bools, left: float) -> Iterator[Shortcoming]:
+def _load(judged: Judgement, within: Bools, left: float) -> Shortcoming | None:
     """Look for a load beside Coulomb and viscous friction, on parts of the record that it was not fitted to."""
     samples = judged.samples
     velocity = samples.velocity_m_s[within]
     smooth = np.tanh(velocity / (SMOOTH_SHARE * judged.top_speed_m_s))
-    friction = np.column_stack([smooth, velocity, np.ones(velocity.size)])
-    force = samples.friction_N[within]
+    parts = {"friction": np.column_stack([smooth, velocity, np.ones(velocity.size)])}
     motion = _motion(samples)
-    position = samples.position_m is not None
-    kinds = {
-        name: load.columns(motion, load.keys)[within]
-        for name, load in LOADS.items()
-        if name != "constant" and name not in judged.has_loads and (position or load.needs != "position")
+    for name, load in LOADS.items():
+        is_known = samples.position_m is not None or load.needs != "position"
+        if name != "constant" and name not in judged.has_loads and is_known:
+            parts[name] = load.columns(motion, load.keys)[within]
+    error_of = _held_out(parts, samples.friction_N[within])
+    before = error_of(("friction",))
+    kinds = [name for name in parts if name != "friction"]
+    if not before > 0.0 or not kinds:
+        return None
+    gains = {
+        names: 1.0 - error_of(("friction", *names)) / before
+        for count in range(1, MOST_LOADS + 1)
+        for names in combinations(kinds, count)
     }
-    before = _held_out(friction, force)
-    if not before > 0.0:
-        return
-    gains: dict[tuple[str, ...], float] = {}
-    for count in range(1, MOST_LOADS + 1):
-        for names in combinations(kinds, count):
-            gains[names] = 1.0 - _held_out(np.column_stack([friction, *(kinds[n] for n in names)]), force) / before
-    if not gains:
-        return
     alone = max((names for names in gains if len(names) == 1), key=lambda names: gains[names])
     best = max(gains, key=lambda names: gains[names])
     # A second load is named where it explains a quarter of what the first one leaves.
@@ -250,7 +252,7 @@ def _load(judged: Judgement, within: Bools, left: float) -> Iterator[Shortcoming
         best = alone
     gain = max(0.0, gains[best])
     words = " and ".join(best)
-    yield Shortcoming(
+    return Shortcoming(
         "load",
         100.0 * gain * left,
         f"the force holds more than friction: {words} beside Coulomb and viscous friction explains {gain:.0%} of what "
@@ -259,20 +261,34 @@ def _load(judged: Judgement, within: Bools, left: float) -> Iterator[Shortcoming
     )
 
 
-def _held_out(columns: Floats, force: Floats) -> float:
-    """Return the squared error of a least-squares fit, each part of the record predicted from the others."""
+def _held_out(parts: Mapping[str, Floats], force: Floats) -> Callable[[tuple[str, ...]], float]:
+    """Return what tells the squared error of a least-squares fit of some parts, each fold predicted from the others.
+
+    The samples are gone through once: every choice of parts is a choice among the rows of the same second moments.
+    """
+    columns = np.column_stack(list(parts.values()))
     scale = np.sqrt(np.mean(np.square(columns), axis=0))
-    columns = columns / np.where(scale > 0.0, scale, 1.0)
-    total = 0.0
-    for part in np.array_split(np.arange(force.size), FOLDS):
-        rest = np.ones(force.size, np.bool_)
-        rest[part] = False
-        weights = np.linalg.lstsq(columns[rest], force[rest], rcond=1e-8)[0]
-        total += float(np.sum(np.square(force[part] - columns[part] @ weights)))
-    return total
+    columns = np.column_stack([columns / np.where(scale > 0.0, scale, 1.0), force])
+    folds = [part.T @ part for part in np.array_split(columns, FOLDS)]
+    whole = np.sum(folds, axis=0)
+    ends = np.cumsum([0, *(part.shape[1] for part in parts.values())])
+    place = {name: np.arange(ends[k], ends[k + 1]) for k, name in enumerate(parts)}
+
+    def error_of(names: tuple[str, ...]) -> float:
+        chosen = np.concatenate([place[name] for name in names])
+        total = 0.0
+        for fold in folds:
+            rest = whole - fold
+            weights = np.linalg.lstsq(rest[np.ix_(chosen, chosen)], rest[chosen, -1], rcond=SINGULAR)[0]
+            residual = np.zeros(columns.shape[1])
+            residual[chosen], residual[-1] = -weights, 1.0
+            total += float(residual @ fold @ residual)
+        return total
+
+    return error_of
 
 
-def _time(judged: Judgement, within: Bools, left: float) -> Iterator[Shortcoming]:
+def _time(judged: Judgement, within: Bools, left: float) -> Shortcoming:
     """Look for a level or a gain that is not the one learned, and for how they differ between tenths of the record."""
     error, predicted = judged.error_N[within], judged.predicted_N[within]
     columns = np.column_stack([np.ones(error.size), predicted])
@@ -281,7 +297,7 @@ def _time(judged: Judgement, within: Bools, left: float) -> Iterator[Shortcoming
         weights = np.linalg.lstsq(columns[part], error[part], rcond=1e-8)[0]
         explained += float(np.sum(np.square(columns[part] @ weights)))
     gain = explained / float(np.sum(np.square(error)))
-    yield Shortcoming(
+    return Shortcoming(
         "time",
         100.0 * gain * left,
         f"{gain * left:.0%} of the squared error is a level or a gain other than the one learned, or that changes: "
