@@ -191,7 +191,7 @@ def test_too_little_data_cannot_answer() -> None:
 def test_the_extended_model_predicts_what_the_base_cannot(tmp_path: Path) -> None:
     samples = record(["position_dependence:size=0.04,wavelength=0.004", "presliding:size=0.03"])
     result = diagnose([samples], Config())
-    write_config(tmp_path / "extended.yaml", extended_config(result, Config()))
+    write_config(tmp_path / "extended.yaml", extended_config(result))
     extended = read_config(tmp_path / "extended.yaml")
     assert {t.split(":")[0] for t in extended.extension.terms} == {"position_dependence", "presliding"}
     still = extended.updated({"model.adapt": False})

@@ -79,7 +79,7 @@ def ripple() -> Diagnosis:
 
 def test_the_terms_carry_what_was_measured_and_the_temperature(ripple: Diagnosis) -> None:
     assert is_offered(ripple)
-    config = extended_config(ripple, Config())
+    config = extended_config(ripple)
     position = ripple.record.features.position_m
     for text in config.extension.terms:
         assert parse_term(text).measured == (position.min(), position.max())
@@ -89,7 +89,7 @@ def test_the_terms_carry_what_was_measured_and_the_temperature(ripple: Diagnosis
 def test_the_range_is_that_of_the_velocity_as_repaired(ripple: Diagnosis) -> None:
     """A velocity reported too fast by two is repaired before it gives the model its range."""
     raw = replace(ripple.raw, features=replace(ripple.raw.features, velocity_m_s=ripple.raw.features.velocity_m_s * 2))
-    config = extended_config(replace(ripple, raw=raw), Config())
+    config = extended_config(replace(ripple, raw=raw))
     top = float(np.abs(ripple.record.features.velocity_m_s).max())
     assert config.reach[1] == pytest.approx(1.05 * top)
 

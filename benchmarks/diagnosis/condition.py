@@ -33,8 +33,8 @@ def main() -> None:
         three = make(drives[0], "clean", [hidden(name, drives[0], given.seed, 0.04)], 0.01, given.seed)
         fourth = make(drives[1], "clean", three.effects, 0.01, given.seed + 1)
         result = diagnose([three.samples], Config())
-        extended = extended_config(result, Config()).updated(frozen)
-        bare = extended_config(replace(result, models=result.models[:1], findings=()), Config()).updated(frozen)
+        extended = extended_config(result).updated(frozen)
+        bare = extended_config(replace(result, models=result.models[:1], effects=(), faults=())).updated(frozen)
         before = replay(fourth.samples, bare).figures()["nrmse"]
         after = replay(fourth.samples, extended, extension=extension_from_config(extended)).figures()["nrmse"]
         noise = float(np.std(fourth.noise_N) / np.std(fourth.samples.friction_N))

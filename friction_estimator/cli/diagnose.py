@@ -19,6 +19,7 @@ from friction_estimator.output.layout import Layout, only
 
 if TYPE_CHECKING:
     from friction_estimator.bag.read import Recording
+    from friction_estimator.diagnosis.result import Diagnosis
     from friction_estimator.effects.detection import Fault
 
 EXTENDED = "extended.yaml"
@@ -68,7 +69,6 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
     from friction_estimator.diagnosis.diagnose import diagnose  # noqa: PLC0415
     from friction_estimator.diagnosis.extend import is_offered  # noqa: PLC0415
     from friction_estimator.diagnosis.summary import as_json, judged_by, sentences  # noqa: PLC0415
-    from friction_estimator.diagnosis.theory import theory_chosen, with_theory  # noqa: PLC0415
 
     config = common.config_from(args, warned=output.warn)
     loaded = [_load(bag, args, config, output) for bag in args.bags]
@@ -86,8 +86,7 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
             shown = max(shown, done)
 
         result = diagnose(recordings, config, seed=args.seed, progress=report, faults=tuple(faults.values()))
-    tell_theory(output, theory_chosen(config, result.raw.samples), result.raw.samples)
-    config = with_theory(config, result.raw.samples)
+    tell_theory(output, result.config, result.raw.samples)
     for line in sentences(result, quantities):
         output.say(line)
     extended = str(Path(args.out) / EXTENDED) if args.out and is_offered(result) else None
@@ -95,7 +94,7 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
     if args.out:
         judged = judged_by(args.bags, extended, args.config)
         with output.part() as folder:
-            summary = _write(folder, args, result, config, quantities, extended, judged)
+            summary = _write(folder, args, result, quantities, extended, judged)
         for line in judged:
             output.say(line)
         output.say(f"written: {args.out}")
@@ -151,8 +150,7 @@ def _load(
 def _write(
     folder: Path,
     args: argparse.Namespace,
-    result: Any,
-    config: Config,
+    result: "Diagnosis",
     quantities: Quantities,
     extended: str | None,
     judged: list[str],
@@ -171,7 +169,7 @@ def _write(
         names = ", ".join(found.name for found in (*result.effects, *result.faults))
         write_config(
             folder / EXTENDED,
-            extended_config(result, config),
+            extended_config(result),
             header=f"Written by friction_estimator diagnose from {', '.join(args.bags)}.\n"
             f"Base model with {names}; accepted by replay, simulate, diagnose and the live node.",
         )
@@ -180,6 +178,6 @@ def _write(
     figures = {name: str(Path(args.out) / "figures" / path.name) for name, path in drawn.items()}
     summary = as_json(result, args.bags, figures, extended, quantities)
     (folder / "summary.json").write_text(common.to_json(summary) + "\n", encoding="utf-8")
-    details = provenance(args.words, [Path(bag) for bag in args.bags], config)
+    details = provenance(args.words, [Path(bag) for bag in args.bags], result.config)
     write_page(folder / "report.html", diagnosis_page(result, args.bags, quantities, drawn, judged, details))
     return summary

@@ -2,17 +2,16 @@
 
 import argparse
 import shutil
-import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any
 
 from friction_estimator.bag.source import Source
 from friction_estimator.cli import common
 from friction_estimator.cli.keys import Keys, keys
-from friction_estimator.cli.terminal import EXIT_CODES, Parser, draw, guarded, say
+from friction_estimator.cli.terminal import EXIT_CODES, Parser, draw, guarded, say, stopped_by_signals
 from friction_estimator.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -95,7 +94,7 @@ def run(args: argparse.Namespace, ros_arguments: tuple[str, ...] = ()) -> int:
             signalled.set()
             player.control.stop()
 
-        with _stopped_by_signals(stop), pressed as terminal, screen.showing(player, terminal):
+        with stopped_by_signals(stop), pressed as terminal, screen.showing(player, terminal):
             player.run()
     # A loop has no other end than this.
     return INTERRUPTED if signalled.is_set() and not args.loop else 0
@@ -178,17 +177,6 @@ def obey(key: str, player: "Player") -> None:
         control.set_rate(control.rate * FASTER)
     elif key in ("-", "down"):
         control.set_rate(control.rate / FASTER)
-
-
-@contextmanager
-def _stopped_by_signals(stop: Callable[[], None]) -> Iterator[None]:
-    """Turn SIGINT and SIGTERM into a call of `stop` for as long as the block lasts."""
-    before = {number: signal.signal(number, lambda *_: stop()) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _remap(rules: list[str]) -> dict[str, str]:

@@ -107,6 +107,23 @@ def guarded(name: str, body: Callable[[], int], arguments: Sequence[str] = ()) -
 
 
 @contextmanager
+def stopped_by_signals(stop: Callable[[], object]) -> Iterator[None]:
+    """Turn SIGINT and SIGTERM into a call of `stop` for as long as the block lasts: so a view or a playback ends."""
+    with _answered((signal.SIGINT, signal.SIGTERM), lambda *_: stop()):
+        yield
+
+
+@contextmanager
+def _answered(numbers: Sequence[signal.Signals], handler: Callable[[int, object], object]) -> Iterator[None]:
+    before = {number: signal.signal(number, handler) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, former in before.items():
+            signal.signal(number, former)
+
+
+@contextmanager
 def _naming_stdout() -> Iterator[None]:
     """Say in a failure of writing what it is about; a reader that went away is told by its kind."""
     try:
@@ -162,9 +179,5 @@ def _orderly_termination() -> Iterator[None]:
         raise SystemExit(128 + number)
 
     numbers = [n for n in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(n) is not signal.SIG_IGN]
-    before = {number: signal.signal(number, leave) for number in numbers}
-    try:
+    with _answered(numbers, leave):
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -1,15 +1,12 @@
 """`watch`: what a running node predicts, as a page on this machine or as a screen of text."""
 
 import argparse
-import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from friction_estimator.cli import common
-from friction_estimator.cli.terminal import say
+from friction_estimator.cli.terminal import say, stopped_by_signals
 from friction_estimator.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -54,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
         raise InputError(f"watch needs rclpy, which cannot be imported here ({error}); source a ROS 2 setup") from error
     ended = threading.Event()
     # Until all is closed: a second Ctrl-C must not tear threads of the middleware apart.
-    with _stopped_by_signals(ended.set), MonitorFeed(args.node, args.joint) as feed:
+    with stopped_by_signals(ended.set), MonitorFeed(args.node, args.joint) as feed:
         if args.terminal:
             _screen(feed, ended)
         else:
@@ -82,14 +79,3 @@ def _screen(feed: "MonitorFeed", ended: threading.Event) -> None:
     if sys.stdout is None or not sys.stdout.isatty():
         raise InputError("--terminal draws on a terminal, and stdout is none; leave the pipe away")
     draw_screen(feed.look, feed.topic, ended)
-
-
-@contextmanager
-def _stopped_by_signals(stop: Callable[[], object]) -> Iterator[None]:
-    """Turn SIGINT and SIGTERM into a call of `stop` for as long as the block lasts: it is how a view ends."""
-    before = {number: signal.signal(number, lambda *_: stop()) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -106,6 +106,7 @@ def diagnose(
     warnings = (*excitation.warnings, *found.warnings, *_unfinished(found.models[0]), *_remainder_words(remainder))
     progress("done", 1.0)
     return Diagnosis(
+        config=config,
         verdict=verdict,
         excitation=replace(excitation, warnings=warnings, notes=(*excitation.notes, *notes)),
         nrmse_holdout=base_error / spread,
@@ -131,6 +132,7 @@ def _undecidable(raw: Record, config: Config, context: Context, excitation: Exci
     spread = float(np.std(raw.friction_N)) or 1.0
     error = rms(base.residual_N, raw)
     return Diagnosis(
+        config=config,
         verdict=UNDECIDABLE,
         excitation=excitation,
         nrmse_holdout=error / spread,

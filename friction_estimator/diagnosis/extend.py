@@ -11,7 +11,6 @@ from friction_estimator.diagnosis.base import BaseFit
 from friction_estimator.diagnosis.base_problem import BEND
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.result import Diagnosis
-from friction_estimator.diagnosis.theory import with_theory
 from friction_estimator.effects.base import EFFECTS, Effect
 from friction_estimator.effects.extension import TermSpec, held_variable
 from friction_estimator.effects.features import Features
@@ -29,7 +28,7 @@ def is_offered(result: Diagnosis) -> bool:
     return result.total_gain is not None and result.total_gain.low_percent > 0.0
 
 
-def extended_config(result: Diagnosis, config: Config) -> Config:
+def extended_config(result: Diagnosis) -> Config:
     """Return the configuration of the base model with the named terms, warm with everything that was fitted.
 
     The base's odd splines are projected on the wavelet basis over the velocities as they were used, that is repaired;
@@ -38,8 +37,7 @@ def extended_config(result: Diagnosis, config: Config) -> Config:
     model can take up becomes a term of coefficient one.
     """
     model = result.models[-1]
-    config = with_theory(config, result.raw.samples)
-    units = chosen(config, result.record.features.velocity_m_s, result.record.friction_N)
+    units = chosen(result.config, result.record.features.velocity_m_s, result.record.friction_N)
     base = model.base
     structure: dict[str, object] = {
         "model.type": "parallel" if base.theory is not None else "hammerstein",

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.excitation import Excitation
 from friction_estimator.diagnosis.held_out import Gain
 from friction_estimator.diagnosis.intervals import Estimate
@@ -51,6 +52,7 @@ class Diagnosis:
 
     Attributes
     ----------
+    config : as it was given, with the theoretical curve that was used.
     verdict : EFFECTS_FOUND, NOTHING_FOUND, UNEXPLAINED or UNDECIDABLE.
     effects : in the order in which they were taken up. faults : of the data. traces : below the least share.
     total_gain : from the base model to the last one, held-out. needs_channel : (effect id, channel).
@@ -61,6 +63,7 @@ class Diagnosis:
     remainder : dependence that is left, or None.
     """
 
+    config: Config
     verdict: str
     excitation: Excitation
     nrmse_holdout: float

@@ -216,7 +216,7 @@ class EstimatedJoint:
             self._unusable(str(error))
             raise
         estimator.retune(self.config)
-        self._snapshot = (0.0, None)  # what was read before the end of the contact is no more
+        self.reread()  # what was read before the end of the contact is no more
         told = f"first contact ended, {self.stream.held_back} samples waited"
         if self.stream.dropped:
             told += f" and {self.stream.dropped} before them were let go"
@@ -322,7 +322,7 @@ class EstimatedJoint:
             raise ConfigError(self.notes["configuration"])
         answer = self.keeper.load(self._restored)
         self.stream.restart()
-        self._snapshot = (0.0, None)
+        self.reread()
         return answer
 
     def close(self) -> None:
@@ -343,11 +343,11 @@ class EstimatedJoint:
         return config
 
     def reread(self) -> None:
-        """Let the next question be answered anew: the last one was not a user's."""
+        """Let the next question be answered anew."""
         self._snapshot = (0.0, None)
 
     def _learned_changed(self) -> None:
-        self._snapshot = (0.0, None)
+        self.reread()
         self.keeper.changed()
 
     def check_change(self, config: Config, changed: Sequence[str]) -> None:

@@ -8,14 +8,12 @@ below what its velocity channel resolves, for longer than a smooth passage throu
 import numpy as np
 
 from friction_estimator.compiled import njit
+from friction_estimator.core.intake import lattice
 from friction_estimator.core.sample import Bools, Floats, Samples
+from friction_estimator.core.settings.units import LATTICE_STEPS
 
 REST_SHARE = 5e-4
 """Share of the velocity scale below which the speed is none: a sixteenth of the finest cell of the curve."""
-
-LATTICE_STEPS, LATTICE_TIES = 1.6, 16
-"""A quantised channel shows the two levels on either side of zero at rest; a lattice is one whose least change has come
-that often."""
 
 LEAST_CHANGE = 1e-6
 """Share of the velocity scale below which a change is rounding, and no step of a lattice."""
@@ -66,10 +64,7 @@ def stands(state, velocity, begins, scale):  # type: ignore[no-untyped-def] # pr
     if state[AGE] >= 1.0:
         change = abs(velocity - state[PREVIOUS])
         if change > LEAST_CHANGE * scale:
-            if state[TIES] == 0.0 or change < 0.75 * state[LATTICE]:
-                state[LATTICE], state[TIES] = change, 1.0
-            elif change < 1.25 * state[LATTICE]:
-                state[TIES] += 1.0
+            lattice.learn_step(state, LATTICE, change)
     if state[AGE] >= 2.0:
         second = abs(velocity - 2.0 * state[PREVIOUS] + state[BEFORE])
         if state[ROUGHNESS] == 0.0:
@@ -81,7 +76,7 @@ def stands(state, velocity, begins, scale):  # type: ignore[no-untyped-def] # pr
 
     noise = _NOISE_OF_ROUGHNESS * state[ROUGHNESS]
     resolved = REST_SHARE * scale
-    if state[TIES] >= LATTICE_TIES:
+    if state[TIES] >= lattice.TIES:
         resolved = max(resolved, LATTICE_STEPS * state[LATTICE])
     resolved = min(resolved, LARGEST_SHARE * scale)
     level = min(max(resolved, NOISE_FACTOR * noise), LARGEST_SHARE * scale)

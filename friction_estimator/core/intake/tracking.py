@@ -22,6 +22,7 @@ clock, begin anew; the first `WARM_UP` samples after it have no velocity yet.
 import numpy as np
 
 from friction_estimator.compiled import njit
+from friction_estimator.core.intake import lattice
 from friction_estimator.core.intake import encoder
 from friction_estimator.core.intake.encoder import (
     BEYOND_STEPS,
@@ -50,9 +51,6 @@ STEPS_BACK = 3
 
 WARM_UP = 8
 """Samples from which a velocity is told."""
-
-LATTICE_TIES = 16
-"""A least second difference that has come that often is a count."""
 
 NOISE_OF_COUNTS = 0.6
 """Share of a count that the noise of a mere encoder stays below (it is 0.29); of noise, the least difference
@@ -146,10 +144,7 @@ def _learn_noise(x, step_s, state):  # type: ignore[no-untyped-def] # pragma: no
         state[LATTICE], state[TIES] = 0.0, 0.0
     second = abs(x - 2.0 * c + b)
     if second > least:
-        if state[TIES] == 0.0 or second < 0.75 * state[LATTICE]:
-            state[LATTICE], state[TIES] = second, 1.0
-        elif second < 1.25 * state[LATTICE]:
-            state[TIES] += 1.0
+        lattice.learn_step(state, LATTICE, second)
 
 
 @njit(cache=True)
@@ -289,7 +284,7 @@ class Tracker:
     def count(self) -> float:
         """Least step of the positions, m or rad; 0 where there is none to see."""
         count, noise = float(self.state[LATTICE]), float(self.state[ROUGHNESS]) / 0.6745
-        return count if self.state[TIES] >= LATTICE_TIES and noise < NOISE_OF_COUNTS * count else 0.0
+        return count if self.state[TIES] >= lattice.TIES and noise < NOISE_OF_COUNTS * count else 0.0
 
     def words(self, unit: str) -> str:
         """Return what was found, in words; `unit` is that of the positions."""

@@ -202,8 +202,7 @@ class Estimator:
             prior = Prior.of(larger)
             self.work = in_larger_units(self.work, model, larger, prior)
             model = larger
-        chosen = {"learned.velocity_range": model.basis.reach}
-        self.config = self.config.updated(chosen | ({"learned.force_unit": model.unit_N} if rise > 1.0 else {}))
+        self.config = self.config.updated({name: PARAMETERS[name].of(model.config) for name in CHOSEN_UNITS})
         self.work.law[:] = self.law.constants(self.config)
         self.model, self._prior = model, prior
         return rise > 1.0

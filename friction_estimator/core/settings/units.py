@@ -20,9 +20,11 @@ MOTION_S = 10.0
 NOISE_FACTOR = 6.0
 """Speeds above this many standard deviations of the velocity's noise are motion."""
 
-LATTICE_STEPS, LATTICE_REPEATS = 1.6, 4
-"""Steps of a quantised velocity that rest may show (`intake.standstill` has the same), and how often its values come on
-average: fast motion shows most of them once."""
+LATTICE_STEPS = 1.6
+"""Steps of a quantised velocity that are no motion: at rest it shows the two levels on either side of zero."""
+
+LATTICE_REPEATS = 4
+"""How often the values of a quantised velocity come on average: fast motion shows most of them once."""
 
 LEAST_STEP = 1e-6
 """Share of the largest speed below which a difference is rounding, and no step."""
