@@ -250,6 +250,33 @@ def test_parameters_of_a_program_are_checked_like_those_of_a_file(graph):
         node.destroy_node()
 
 
+def test_what_a_second_brings_begins_one_after_another(graph, monkeypatch):
+    """Threads that draw and save while diagnostics are made hold the interpreter's lock, and samples wait."""
+    from rclpy.parameter import Parameter
+
+    from friction_estimator.ros.estimator_node import BREATHS, EstimatorNode
+
+    given = {"input.mode": "joint_state", "input.joints": [f"joint_{k}" for k in range(BREATHS)]}
+    overrides = [Parameter(name, value=value) for name, value in given.items()]
+    node = EstimatorNode("built", context=graph.context, parameter_overrides=overrides)
+    try:
+        begun = []
+        for plain, joint in node.joints.items():
+            monkeypatch.setattr(joint, "begin_drawing", lambda plain=plain: begun.append(f"draw {plain}"))
+            monkeypatch.setattr(joint, "begin_saving", lambda plain=plain: begun.append(f"save {plain}"))
+        node._tick()
+        assert begun == []
+        node._breathe()
+        assert begun == ["draw joint_0", "save joint_0"]
+        for _ in range(1, BREATHS):
+            node._breathe()
+        assert len(begun) == len(set(begun)) == 2 * BREATHS
+        node._breathe()
+        assert len(begun) == 2 * BREATHS
+    finally:
+        node.destroy_node()
+
+
 @pytest.mark.parametrize(
     ("joints", "says"), [(["a b", "a/b"], "both become a_b"), (["a", "a"], "twice"), (["a", ""], "no name")]
 )

@@ -259,20 +259,22 @@ class EstimatedJoint:
         if self.outputs.parameters_due(self.config.publish.parameters_rate) and estimator is not None:
             self.outputs.parameters(estimator.parameters, stamp_ns)
 
-    def look(self) -> Curve | None:
-        """Begin to save where it is time to, and to draw the static curve; return the last one that is ready.
+    @property
+    def curve(self) -> Curve | None:
+        """The last static curve that is ready; None before the first."""
+        return None if self.stream.estimator is None else self._curve
 
-        It holds for what was known a moment before, once a second and less often where drawing takes longer; None
-        before the first.
-        """
+    def begin_saving(self) -> None:
+        """Begin to save, where it is time to."""
+        if self.stream.estimator is not None:
+            self.keeper.tick(self.stream.estimator)
+
+    def begin_drawing(self) -> None:
+        """Begin to draw the static curve of this moment, unless the last one is still being drawn."""
         estimator = self.stream.estimator
-        if estimator is None:
-            return None
-        self.keeper.tick(estimator)
-        if not self._drawing.busy:
+        if estimator is not None and not self._drawing.busy:
             moment, conditions = estimator.snapshot(), self.stream.conditions
             self._drawing.begin(lambda: self._draw(moment, conditions))
-        return self._curve
 
     def _draw(self, moment: Estimator, conditions: Samples) -> None:
         """Draw the static curve, and publish it where somebody listens; at few velocities where nobody does."""

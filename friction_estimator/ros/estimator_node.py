@@ -1,5 +1,7 @@
 """The node `friction_estimator`: inputs, parameters, services and timers around one `EstimatedJoint` or several."""
 
+import math
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -30,6 +32,9 @@ WORK_OFF_S = 0.002
 BREATH_S = 0.05
 """Time between two proofs that timers are served; see `SampleStream.breathe`."""
 
+BREATHS = 16
+"""Of a second's, those over which saving and drawing are spread: threads that work at one time hold each other up."""
+
 
 class EstimatorNode(ConfiguredNode):
     """Predict the friction of each sample, publish it, learn from the measurement: of one joint, or of several.
@@ -57,6 +62,7 @@ class EstimatorNode(ConfiguredNode):
         self._found = ""
         self.joints: dict[str, EstimatedJoint] = {}  # rclpy asks for parameters during construction
         self._closed = False
+        self._pieces: deque[Callable[[], None]] = deque()
         super().__init__(name, **options)
         self.health = Health(self)
         self._enabled = True
@@ -125,8 +131,16 @@ class EstimatorNode(ConfiguredNode):
     # --- timers ------------------------------------------------------------------------------------------------
 
     def _breathe(self) -> None:
-        for joint in self.joints.values():
+        """Prove that timers are served, and begin the next of the second's pieces in the background."""
+        joints = self.joints.values()
+        for joint in joints:
             joint.stream.breathe()
+        for _ in range(min(len(self._pieces), math.ceil(2 * len(joints) / BREATHS))):
+            try:
+                with self.health.load.other_work():
+                    self._pieces.popleft()()
+            except Exception as error:
+                self.health.exception("background", error)
 
     def _work_off(self) -> None:
         """Predict some of what waited, of each joint; new samples get in between. Where the node is to end, let it."""
@@ -149,11 +163,13 @@ class EstimatorNode(ConfiguredNode):
         try:
             with self.health.load.other_work():
                 joints = list(self.joints.values())
-                curves = [joint.look() for joint in joints]
                 self._inputs.expect(positions=any(joint.stream.intake.pairer.tracks for joint in joints))
-                self.health.tick(self.settings.shared, self._inputs, joints, self._enabled, curves)
+                self.health.tick(self.settings.shared, self._inputs, joints, self._enabled)
         except Exception as error:
             self.health.exception("diagnostics", error)
+        if not self._pieces:  # else the last second's are still under way
+            for joint in self.joints.values():
+                self._pieces += (joint.begin_drawing, joint.begin_saving)
 
     # --- services ----------------------------------------------------------------------------------------------
 

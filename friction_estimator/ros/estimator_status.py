@@ -47,7 +47,6 @@ class EstimatorStatus:
         self,
         span_s: float,
         account: Account,
-        curve: Curve | None,
         notes: Mapping[str, str],
     ) -> tuple[bytes, str, dict[str, Any]]:
         """Return level, words and values.
@@ -56,7 +55,6 @@ class EstimatorStatus:
         ----------
         span_s : time since the last look.
         account : of the time that the node used.
-        curve : the last static curve, at any velocities over its range; None before the first.
         notes : the node's own, beside the joint's.
         """
         stream, quantities = self._joint.stream, self._joint.quantities
@@ -77,7 +75,7 @@ class EstimatorStatus:
         values["arrival to prediction max (ms)"] = f"{account.longest_ms:.3f}"
         if stream.estimator is not None:
             health = stream.estimator.health
-            values |= _account(stream.estimator, curve, quantities, stream.has_pressure)
+            values |= _account(stream.estimator, self._joint.curve, quantities, stream.has_pressure)
             if stream.predictions:
                 values[f"velocity seen ({quantities.velocity})"] = _interval(stream.velocity_seen)
             if health.held:

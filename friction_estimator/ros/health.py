@@ -8,7 +8,6 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from friction_estimator.core.errors import sentence
-from friction_estimator.core.fit.band import Curve
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.text import LONGEST_NAME, shown
 from friction_estimator.ros.estimated_joint import EstimatedJoint
@@ -59,14 +58,12 @@ class Health:
         inputs: Inputs,
         joints: Sequence[EstimatedJoint],
         enabled: bool,
-        curves: Sequence[Curve | None],
     ) -> None:
         """Publish diagnostics and log what is newly wrong.
 
         Parameters
         ----------
         config : what the joints share.
-        curves : the last static curve of each joint, at any velocities over its range; None before the first.
         """
         now = time.monotonic()
         span = max(now - self._last, 1e-3)
@@ -81,8 +78,8 @@ class Health:
         message.header.stamp = self._node.get_clock().now().to_msg()
         message.status = [self._status("inputs", *looked)]
         account, raised = self.load.look(), self._growth.of("exceptions", self.exceptions)
-        for estimate, curve in zip(self._estimates, curves, strict=True):
-            level, words, values = estimate.look(span, account, curve, self.notes)
+        for estimate in self._estimates:
+            level, words, values = estimate.look(span, account, self.notes)
             values["exceptions"] = self.exceptions
             if self.last_exception:
                 values["last exception"] = self.last_exception

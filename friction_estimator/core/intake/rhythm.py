@@ -72,7 +72,8 @@ class Rhythm:
         parts = np.split(stamps, jumps)
         self._waiting = [int(parts[-1].max())]
         # In order of time; none across a jump back of the clock, none of zero.
-        steps = np.concatenate([np.diff(np.unique(part)) for part in parts]).astype(np.float64)
+        steps = np.concatenate([np.diff(np.sort(part)) for part in parts]).astype(np.float64)
+        steps = steps[steps > 0.0]
         if steps.size < LEAST_STAMPS // 2:
             return 0
         self._follow(steps)

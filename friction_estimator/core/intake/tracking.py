@@ -22,8 +22,7 @@ clock, begin anew; the first `WARM_UP` samples after it have no velocity yet.
 import numpy as np
 
 from friction_estimator.compiled import njit
-from friction_estimator.core.intake import lattice
-from friction_estimator.core.intake import encoder
+from friction_estimator.core.intake import encoder, lattice
 from friction_estimator.core.intake.encoder import (
     BEYOND_STEPS,
     CHANGES,
