@@ -19,7 +19,7 @@ WITHIN = 0.01
 
 
 def values_of(message):
-    values = {}
+    values = {"stamp_s": message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec}
     for status in message.status:
         part = status.name.rpartition(" ")[2]
         values |= {pair.key: pair.value for pair in status.values}
@@ -83,7 +83,8 @@ def overload(graph, parameters, *, seconds, rate_hz, stopped=False):
     except AssertionError as error:
         raise AssertionError(f"{error}: {stamps.size} sent, {account(told[-1][1])} told: {told[-1][1]}") from None
     during = [(at - begin, v) for at, v in told if at > begin]
-    pauses = np.diff([at for at, _ in during])
+    # By their stamps: this process hears nothing for a second when it begins to ask for parameters.
+    pauses = np.diff([v["stamp_s"] for _, v in during])
     stopping = time.monotonic()
     assert process.stop() == 0
     return {

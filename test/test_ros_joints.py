@@ -264,14 +264,14 @@ def test_what_a_second_brings_begins_one_after_another(graph, monkeypatch):
         for plain, joint in node.joints.items():
             monkeypatch.setattr(joint, "begin_drawing", lambda plain=plain: begun.append(f"draw {plain}"))
             monkeypatch.setattr(joint, "begin_saving", lambda plain=plain: begun.append(f"save {plain}"))
-        node._tick()
+        node._look()
         assert begun == []
-        node._breathe()
+        node._begin_pieces()
         assert begun == ["draw joint_0", "save joint_0"]
         for _ in range(1, BREATHS):
-            node._breathe()
+            node._begin_pieces()
         assert len(begun) == len(set(begun)) == 2 * BREATHS
-        node._breathe()
+        node._begin_pieces()
         assert len(begun) == 2 * BREATHS
     finally:
         node.destroy_node()

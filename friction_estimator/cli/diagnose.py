@@ -166,7 +166,7 @@ def _write(
 
     folder.mkdir()
     if extended is not None:
-        names = ", ".join(found.name for found in (*result.effects, *result.faults))
+        names = ", ".join([*(found.name for found in result.effects), *(fault.name for fault in result.faults)])
         write_config(
             folder / EXTENDED,
             extended_config(result),

@@ -273,7 +273,7 @@ class EstimatedJoint:
         """Begin to draw the static curve of this moment, unless the last one is still being drawn."""
         estimator = self.stream.estimator
         if estimator is not None and not self._drawing.busy:
-            moment, conditions = estimator.snapshot(), self.stream.conditions
+            moment, conditions = estimator.predicting(), self.stream.conditions
             self._drawing.begin(lambda: self._draw(moment, conditions))
 
     def _draw(self, moment: Estimator, conditions: Samples) -> None:

@@ -1,6 +1,7 @@
 """The node `friction_estimator`: inputs, parameters, services and timers around one `EstimatedJoint` or several."""
 
 import math
+import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -12,6 +13,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from friction_estimator.core.errors import ConfigError, FrictionEstimatorError, sentence
 from friction_estimator.core.quantities import Quantities
+from friction_estimator.core.sample import NS_PER_S
 from friction_estimator.core.settings.config import PARAMETERS
 from friction_estimator.core.settings.groups import AUTO
 from friction_estimator.core.settings.joints import Settings
@@ -30,7 +32,10 @@ WORK_OFF_S = 0.002
 """Time between two pieces of what waits: for the first contact, or since the samples come too fast."""
 
 BREATH_S = 0.05
-"""Time between two proofs that timers are served; see `SampleStream.breathe`."""
+"""Time between two turns of housekeeping, which prove that timers are served (`SampleStream.breathe`)."""
+
+LOOK_S = 1.0
+"""Time between two messages of /diagnostics."""
 
 BREATHS = 16
 """Of a second's, those over which saving and drawing are spread: threads that work at one time hold each other up."""
@@ -75,14 +80,14 @@ class EstimatorNode(ConfiguredNode):
         warm_up()
         # Housekeeping must go on when the simulation's clock stands still.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._working_off = self.create_timer(WORK_OFF_S, self._work_off, clock=steady, autostart=False)
-        load, reset, failed = self.health.load, self._working_off.reset, self.health.exception
+        self._timer = self.create_timer(BREATH_S, self._serve, clock=steady)
+        self._house_due = self._look_due = math.inf
+        load, failed = self.health.load, self.health.exception
         self.joints = {
-            plain: EstimatedJoint(self, self.settings.of(plain), load, reset, failed, plain)
+            plain: EstimatedJoint(self, self.settings.of(plain), load, self._begin_working_off, failed, plain)
             for plain in self.settings.joints
         }
         self.settings = self.settings.without_learned()
-        self.create_timer(BREATH_S, self._breathe, clock=steady)
         for joint in self.joints.values():
             joint.start()
             joint.on_motion = self._describe_joints
@@ -98,7 +103,8 @@ class EstimatorNode(ConfiguredNode):
         topics = ", ".join(source.topic for source in self._inputs.sources.values() if source.required)
         names = ", ".join(self.settings.joints.values())
         self.get_logger().info(f"listening: {topics}" + (f" for {names}" if self.settings.several else ""))
-        self.create_timer(1.0, self._tick, clock=steady)
+        self._house_due = time.monotonic()
+        self._look_due = self._house_due + LOOK_S
 
     def _open_inputs(self) -> Inputs:
         feeds = [joint.feed for joint in self.joints.values()]
@@ -130,36 +136,53 @@ class EstimatorNode(ConfiguredNode):
 
     # --- timers ------------------------------------------------------------------------------------------------
 
-    def _breathe(self) -> None:
-        """Prove that timers are served, and begin the next of the second's pieces in the background."""
-        joints = self.joints.values()
-        for joint in joints:
+    def _serve(self) -> None:
+        """Work off what waits, and keep house in between.
+
+        The node's only timer, never reset: executors hand a timer over once too often otherwise (docs/decisions/0081).
+        """
+        self._work_off()
+        if time.monotonic() >= self._house_due:
+            self._keep_house()
+            self._house_due = time.monotonic() + BREATH_S - WORK_OFF_S  # never a turn too late
+
+    def _keep_house(self) -> None:
+        """Prove that timers are served; look at everything once a second, else begin what is due in the background."""
+        for joint in self.joints.values():
             joint.stream.breathe()
-        for _ in range(min(len(self._pieces), math.ceil(2 * len(joints) / BREATHS))):
+        late = time.monotonic() - self._look_due
+        if late >= 0.0:
+            self._look_due += LOOK_S * (1 + late // LOOK_S)
+            self._look()
+        else:
+            self._begin_pieces()
+
+    def _begin_pieces(self) -> None:
+        for _ in range(min(len(self._pieces), math.ceil(2 * len(self.joints) / BREATHS))):
             try:
                 with self.health.load.other_work():
                     self._pieces.popleft()()
             except Exception as error:
                 self.health.exception("background", error)
 
+    def _begin_working_off(self) -> None:
+        self._timer.timer_period_ns = round(WORK_OFF_S * NS_PER_S)
+
     def _work_off(self) -> None:
         """Predict some of what waited, of each joint; new samples get in between. Where the node is to end, let it."""
-        for joint in self.joints.values():
+        waiting = [joint for joint in self.joints.values() if joint.stream.working_off]
+        for joint in waiting:
             if self.stopping():
-                self._working_off.cancel()
-                return
+                waiting = []  # a timer that is always due keeps the spin from ending
+                break
             try:
-                if joint.stream.working_off:
-                    joint.stream.work_off()
+                joint.stream.work_off()
             except Exception as error:
                 self.health.exception("samples that waited", error)
-        if any(joint.stream.working_off for joint in self.joints.values()):
-            # A timer that is always due keeps the spin from ending, and so a signal from being obeyed.
-            self._working_off.reset()
-        else:
-            self._working_off.cancel()
+        if not any(joint.stream.working_off for joint in waiting):
+            self._timer.timer_period_ns = round(BREATH_S * NS_PER_S)
 
-    def _tick(self) -> None:
+    def _look(self) -> None:
         try:
             with self.health.load.other_work():
                 joints = list(self.joints.values())

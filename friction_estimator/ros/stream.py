@@ -32,6 +32,9 @@ LARGEST_PIECE = 256
 LONGEST_PIECE_S = 0.01
 """Time that such a piece may take, where that is more than one sample: services and diagnostics wait no longer."""
 
+REMEMBERED = 0.9
+"""Share of the time that a sample took in the last piece which the next one takes at the least."""
+
 QUEUES = 2
 """Samples that wait at the most where they come faster than they can be predicted, in depths of the inputs' queues: a
 full queue is taken over at once, after the machine stood still, while new ones come. Then the oldest go, are counted,
@@ -294,7 +297,8 @@ class SampleStream:
         finally:
             self.lost += behind - step.behind - (self.predictions - predictions)
         done, ended = behind - step.behind, time.perf_counter_ns()
-        self._sample_s = 1e-9 * (ended - self._breath) / max(done, 1)
+        # The first samples after a gap are not learned from, and say nothing of the time that the others take.
+        self._sample_s = max(1e-9 * (ended - self._breath) / max(done, 1), REMEMBERED * self._sample_s)
         # What waited for the first contact is not late, and comes first.
         for _ in range(len(self._arrived) - step.behind):
             self._load.note(ended - self._arrived.popleft())
