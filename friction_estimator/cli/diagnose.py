@@ -69,6 +69,7 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
     from friction_estimator.diagnosis.diagnose import diagnose  # noqa: PLC0415
     from friction_estimator.diagnosis.extend import is_offered  # noqa: PLC0415
     from friction_estimator.diagnosis.summary import as_json, judged_by, sentences  # noqa: PLC0415
+    from friction_estimator.diagnosis.theory import theory_chosen  # noqa: PLC0415
 
     config = common.config_from(args, warned=output.warn)
     loaded = [_load(bag, args, config, output) for bag in args.bags]
@@ -86,7 +87,7 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
             shown = max(shown, done)
 
         result = diagnose(recordings, config, seed=args.seed, progress=report, faults=tuple(faults.values()))
-    tell_theory(output, result.config, result.raw.samples)
+    tell_theory(output, theory_chosen(config, result.raw.samples), result.raw.samples)
     for line in sentences(result, quantities):
         output.say(line)
     extended = str(Path(args.out) / EXTENDED) if args.out and is_offered(result) else None
