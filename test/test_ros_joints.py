@@ -250,6 +250,26 @@ def test_parameters_of_a_program_are_checked_like_those_of_a_file(graph):
         node.destroy_node()
 
 
+def test_learned_values_that_are_asked_for_again_and_again_are_new_ones(graph, monkeypatch):
+    from rclpy.parameter import Parameter
+
+    from friction_estimator.ros import estimated_joint
+    from friction_estimator.ros.estimator_node import EstimatorNode
+
+    overrides = [Parameter(name, value=value) for name, value in ros_graph.UNITS.items()]
+    node = EstimatorNode("built", context=graph.context, parameter_overrides=overrides)
+    try:
+        joint, now = node.joints[""], time.monotonic()
+        times = iter(now + 0.1 * k for k in range(100))
+        monkeypatch.setattr(estimated_joint.time, "monotonic", lambda: next(times))
+        moments = [joint.learned() for _ in range(60)]
+        assert all(moment is moments[0] for moment in moments[:50])
+        assert moments[-1] is not moments[0]
+    finally:
+        monkeypatch.undo()
+        node.destroy_node()
+
+
 def test_what_a_second_brings_begins_one_after_another(graph, monkeypatch):
     """Threads that draw and save while diagnostics are made hold the interpreter's lock, and samples wait."""
     from rclpy.parameter import Parameter

@@ -41,8 +41,9 @@ FEW_POINTS = 41
 LONGEST_DRAWING_S = 1.0
 """Time that the curve is waited for at the end: thousands of weights must not keep the node from ending."""
 
-SNAPSHOT_S = 2.0
-"""Learned parameters read in quick succession are of one moment, so that a dump is consistent."""
+SNAPSHOT_S, LONGEST_SNAPSHOT_S = 0.5, 5.0
+"""Learned parameters that are read in quick succession are of one moment, so that a dump is consistent: with at most so
+long between two questions, and for so long in all, since who asks ten times a second wants new values, too."""
 
 
 class EstimatedJoint:
@@ -83,7 +84,7 @@ class EstimatedJoint:
         self.config, self._configured = config, config.learned
         self.notes: dict[str, str] = {}
         self.quantities = config.quantities
-        self._snapshot: tuple[float, Config | None] = (0.0, None)
+        self._snapshot: tuple[float, float, Config | None] = (0.0, 0.0, None)
         self._inputs: Inputs | None = None
         self.outputs = Outputs(node, config.input.axis, self.quantities.motion, self.prefix)
         for fault in self.outputs.faults:
@@ -337,16 +338,17 @@ class EstimatedJoint:
 
     def learned(self) -> Config:
         """Return the configuration with what was learned, of one moment for questions in quick succession."""
-        taken, config = self._snapshot
+        taken, asked, config = self._snapshot
         now = time.monotonic()
-        if config is None or now - taken > SNAPSHOT_S:
+        if config is None or now - asked > SNAPSHOT_S or now - taken > LONGEST_SNAPSHOT_S:
             config = self.stream.estimator.learned_config if self.stream.estimator else self.config
-        self._snapshot = (now, config)
+            taken = now
+        self._snapshot = (taken, now, config)
         return config
 
     def reread(self) -> None:
         """Let the next question be answered anew."""
-        self._snapshot = (0.0, None)
+        self._snapshot = (0.0, 0.0, None)
 
     def _learned_changed(self) -> None:
         self.reread()
