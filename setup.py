@@ -1,8 +1,34 @@
 from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
 PACKAGE = "friction_estimator"
+
+# The floors are the versions of Ubuntu 24.04: what colcon builds there must not ask for more (docs/decisions/0094).
+# requirements.in names the same ones; test/test_install.py holds both against package.xml.
+REQUIRED = [
+    "numpy>=1.26",
+    "scipy>=1.11",
+    "numba>=0.58",
+    "PyWavelets>=1.5",
+    "matplotlib>=3.6",
+    "pandas>=2.1",
+    "tqdm>=4.66",
+    "PyYAML>=6.0",
+    "jsonschema>=4.10",
+    "rosbags>=0.11.0",
+    "lz4>=4.0",
+    "backports.zstd; python_version < '3.14'",
+]
+
+EXTRAS = {
+    "ros": ["ros-jazzy-rclpy", "ros-jazzy-rmw-fastrtps-cpp", "ros-jazzy-common-interfaces"],
+    "page": ["bokeh>=3.4,<3.10"],
+    "terminal": ["rich>=13.7"],
+    "parquet": ["pyarrow>=14"],
+    "test": ["pytest>=7.4", "pytest-xdist>=3.5", "hypothesis>=6.98", "mujoco-core>=3.8"],
+}
 
 setup(
     name=PACKAGE,
@@ -16,13 +42,15 @@ setup(
         (f"share/{PACKAGE}/launch", glob("launch/*.launch.py")),
     ],
     python_requires=">=3.11",
-    install_requires=["setuptools"],
+    install_requires=REQUIRED,
     zip_safe=True,
     maintainer="friction_estimator developers",
     maintainer_email="friction-estimator@users.noreply.github.com",
     description="Online identification of seal and actuator friction beside the drive, with diagnosis.",
+    long_description=Path("README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
     license="Apache-2.0",
-    extras_require={"page": ["bokeh>=3.4"], "terminal": ["rich>=13.7"], "test": ["pytest"]},
+    extras_require=EXTRAS,
     entry_points={
         "console_scripts": [
             f"friction_estimator = {PACKAGE}.cli.main:main",

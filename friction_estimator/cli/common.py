@@ -58,14 +58,14 @@ def add_units_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_figures_option(parser: argparse.ArgumentParser) -> None:
-    """Add `--figures`."""
+def add_figures_option(parser: argparse.ArgumentParser, usual: Sequence[str] = FIGURE_FORMATS[:1]) -> None:
+    """Add `--figures`; `usual` are the formats where it is not given."""
     parser.add_argument(
         "--figures",
         type=_formats,
-        default=FIGURE_FORMATS[:1],
+        default=tuple(usual),
         metavar="FORMAT,...",
-        help=f"formats of the figures, of {', '.join(FIGURE_FORMATS)} (default: {FIGURE_FORMATS[0]})",
+        help=f"formats of the figures, of {', '.join(FIGURE_FORMATS)} (default: {','.join(usual)})",
     )
 
 

@@ -12,7 +12,7 @@ from friction_estimator.bag.source import Source
 from friction_estimator.cli import common
 from friction_estimator.cli.keys import Keys, keys
 from friction_estimator.cli.terminal import EXIT_CODES, Parser, draw, guarded, say, stopped_by_signals
-from friction_estimator.core.errors import InputError
+from friction_estimator.core.errors import InputError, how_to_install
 
 if TYPE_CHECKING:
     from friction_estimator.ros.player import Player
@@ -74,7 +74,9 @@ def run(args: argparse.Namespace, ros_arguments: tuple[str, ...] = ()) -> int:
     try:
         from friction_estimator.ros.player import Playback, Player  # noqa: PLC0415 - needs ROS, the other verbs do not
     except ImportError as error:
-        raise InputError(f"play needs rclpy, which cannot be imported here ({error}); source a ROS 2 setup") from error
+        raise InputError(
+            f"play needs rclpy, which cannot be imported here ({error}); {how_to_install('rclpy')}"
+        ) from error
     playback = Playback(
         rate=args.rate,
         start_offset_s=args.start_offset,

@@ -3,6 +3,7 @@
 import argparse
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,20 +12,31 @@ from friction_estimator.cli.progress import progress
 from friction_estimator.cli.workers import Task, run_tasks
 from friction_estimator.core.errors import InputError
 from friction_estimator.output.layout import Layout
-from friction_estimator.paper import convergence, landscape, structure
+from friction_estimator.paper import bases, convergence, landscape, shape, structure
 from friction_estimator.paper.claims import Claim, Interval
-from friction_estimator.paper.study import MODELS, Plan, Study, assemble, run_recording
+from friction_estimator.paper.runs import run_recording
+from friction_estimator.paper.study import COMPANDED, MODELS, PLAIN, Plan, Study, assemble
 from friction_estimator.rig.drive import CONDITIONS
 
 SCHEMA = "friction_estimator/claims/1"
 
-STRUCTURE_SEEDS = 3
-"""Recordings of each condition for the claim on orders, which takes six fits each."""
+FEW_SEEDS, PLAIN_SEEDS = 3, 5
+"""Recordings of each condition for the claim on orders, which takes six fits each, and for g learned elsewhere; and for
+what the paper's own basis changes.
+"""
+
+PAPER_FIGURES, JUDGED_FIGURE = tuple(f"figure_{number}" for number in range(3, 7)), "figure_judged"
+"""Those that the paper has, and the errors while learning, frozen and elsewhere in one."""
 
 LAYOUT = Layout(
     "claims.json",
     re.compile(r'\{\s*("schema": "friction_estimator/claims/\d+"|"claims": \[)'),
-    frozenset({"index.html", *(f"figure_{k}.{form}" for k in range(3, 7) for form in common.FIGURE_FORMATS)}),
+    frozenset(
+        {
+            "index.html",
+            *(f"{name}.{form}" for name in (*PAPER_FIGURES, JUDGED_FIGURE) for form in common.FIGURE_FORMATS),
+        }
+    ),
 )
 
 
@@ -35,8 +47,8 @@ def add_parser(subparsers: common.Subparsers) -> None:
         "reproduce",
         "the paper's Figs. 3-6 and a table of its claims",
         description="Repeat the paper's experiments on the simulated rig and put its claims to the test. Writes "
-        "claims.json, index.html with figures and verdicts, and the figures as PNG. The same seeds give the same "
-        "numbers.",
+        "claims.json, index.html with figures and verdicts, and the figures as SVG and PNG. The same seeds give the "
+        "same numbers.",
         example="friction_estimator reproduce --out reproduced",
     )
     parser.add_argument("--out", metavar="DIR", required=True, help="folder to write")
@@ -44,7 +56,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
     parser.add_argument(
         "--seconds", type=float, default=Plan().seconds, metavar="S", help="of each recording (default: %(default)g)"
     )
-    common.add_figures_option(parser)
+    common.add_figures_option(parser, ("svg", "png"))
     common.add_json_option(parser)
 
 
@@ -66,18 +78,19 @@ def _run(args: argparse.Namespace, output: common.Output) -> int:
         results = run_tasks(tasks, advance)
     study, claims = judge(plan, results)
     for claim in claims:
-        output.say(f"{claim.verdict:<10} {claim.id}: {claim.why}")
+        modes = ", ".join(f"{mode} {word}" for mode, word in claim.verdicts.items())
+        output.say(f"{claim.verdict:<10} {claim.id}: {modes or 'by proof'}")
     result = {"schema": SCHEMA, "claims": claims}
     with output.part() as folder:
         write(folder, study, claims, common.to_json(result) + "\n", args.words, args.figures)
-    output.say(f"written    {args.out}: claims.json, index.html, figure_3.png to figure_6.png")
+    output.say(f"written    {args.out}: claims.json, index.html, figure_3 to figure_6, {JUDGED_FIGURE}")
     output.result(result)
     return 0
 
 
 def plan_tasks(plan: Plan) -> list[Task]:
     """Return all work, longest first."""
-    few = Plan(min(plan.seeds, STRUCTURE_SEEDS), plan.seconds, plan.rate_hz, plan.noise)
+    few = replace(plan, seeds=min(plan.seeds, FEW_SEEDS))
     tasks = [
         Task(("landscape", condition, model), landscape.examine, (plan, condition, model))
         for condition in CONDITIONS
@@ -91,31 +104,40 @@ def plan_tasks(plan: Plan) -> list[Task]:
     ]
     for condition in CONDITIONS:
         for seed in range(plan.seeds):
-            tasks.append(Task(("run", condition, seed), run_recording, (plan, condition, seed)))
+            for companding in (COMPANDED, PLAIN)[: 2 if seed < PLAIN_SEEDS else 1]:
+                arguments = (plan, condition, seed, companding)
+                tasks.append(Task(("run", companding, condition, seed), run_recording, arguments))
             tasks.append(Task(("theory", condition, seed), convergence.wrong_theory, (plan, condition, seed)))
-    tasks += [Task(("bases", seed), structure.basis_errors, (seed,)) for seed in range(plan.seeds)]
+        for seed in range(few.seeds):
+            tasks.append(Task(("shape", condition, seed), shape.learned_elsewhere, (plan, condition, seed)))
+        tasks.append(Task(("mirror", condition), shape.mirrored_run, (plan, condition)))
+    tasks += [Task(("bases", seed), bases.basis_errors, (seed,)) for seed in range(plan.seeds)]
     return tasks
 
 
 def judge(plan: Plan, results: dict[tuple[Any, ...], Any]) -> tuple[Study, list[Claim]]:
-    """Return the study and the verdicts."""
+    """Return the study in the companded basis and the verdicts."""
 
-    def of(kind: str) -> dict[tuple[Any, ...], Any]:
-        return {key[1:]: value for key, value in results.items() if key[0] == kind}
+    def of(*kind: Any) -> dict[tuple[Any, ...], Any]:
+        return {key[len(kind) :]: value for key, value in results.items() if key[: len(kind)] == kind}
 
-    study = assemble(plan, {(condition, seed): value for (condition, seed), value in of("run").items()})
-    scans = {c: [value for (condition, _), value in of("theory").items() if condition == c] for c in CONDITIONS}
+    def by_condition(kind: str) -> dict[str, list[Any]]:
+        return {c: [value for (condition, _), value in of(kind).items() if condition == c] for c in CONDITIONS}
+
+    study = assemble(plan, of("run", COMPANDED))
+    plain = assemble(replace(plan, seeds=min(plan.seeds, PLAIN_SEEDS)), of("run", PLAIN))
     orders: dict[tuple[str, float], list[Any]] = {}
     for (condition, rate, _), value in of("orders").items():
         orders.setdefault((condition, rate), []).append(value)
+    mirrored = {condition: value for (condition,), value in of("mirror").items()}
     claims = [
-        convergence.hammerstein_converges(study),
-        convergence.parallel_ends_closer(study),
-        convergence.parallel_converges_faster(study),
-        convergence.good_before_convergence(study, scans),
-        convergence.g_has_the_shape(study),
+        convergence.hammerstein_converges(study, plain),
+        convergence.parallel_ends_closer(study, plain),
+        convergence.parallel_converges_faster(study, plain),
+        convergence.good_before_convergence(study, by_condition("theory"), plain),
+        shape.g_has_the_shape(study, by_condition("shape"), mirrored, plain),
         structure.higher_orders_help_little(plan, orders),
-        structure.wavelets_need_fewer(list(of("bases").values())),
+        bases.wavelets_need_fewer(list(of("bases").values())),
         landscape.unique_minimum(
             plan, {(condition, model): value for (condition, model), value in of("landscape").items()}
         ),

@@ -68,9 +68,9 @@ def add_parser(subparsers: common.Subparsers) -> None:
     what.add_argument("--condition", choices=CONDITIONS, help=f"condition of the paper (default: {_DEFAULT_CONDITION})")
     what.add_argument(
         "--schedule",
-        metavar="PERIOD:PRESSURE_PSI:SECONDS[:PROFILE],...",
-        help="segments one after the other, each of the whole number of cycles nearest to SECONDS; "
-        f"profiles: {', '.join(PROFILES)} (default: sine)",
+        metavar="SEGMENT,...",
+        help="segments one after the other, each PERIOD:PRESSURE_PSI:SECONDS[:PROFILE], of the whole number of cycles "
+        f"nearest to SECONDS; profiles: {', '.join(PROFILES)} (default: sine)",
     )
     length = drive.add_mutually_exclusive_group()
     length.add_argument("--cycles", type=int, metavar="N", help="length of a condition in cycles")
@@ -96,9 +96,10 @@ def add_parser(subparsers: common.Subparsers) -> None:
     rig.add_argument(
         "--plant",
         choices=PLANTS,
-        help="rig: realistic, asymmetric, its film lags; clean: differs from the theory only by what the diagnosis "
-        "base can learn; pendulum, geared_joint: rotary, with inertia and gravity in the effort, written as "
-        f"{JOINT_STATES} (default: {_DEFAULT_PLANT})",
+        metavar="NAME",
+        help=f"one of {', '.join(PLANTS)}. rig: realistic, asymmetric, its film lags; clean: differs from the theory "
+        "only by what the diagnosis base can learn; pendulum, geared_joint: rotary, with inertia and gravity in the "
+        f"effort, written as {JOINT_STATES} (default: {_DEFAULT_PLANT})",
     )
     rig.add_argument(
         "--config",

@@ -6,8 +6,10 @@ cursor nor forge a line.
 
 import argparse
 import logging
+import shutil
 import signal
 import sys
+import textwrap
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -19,19 +21,48 @@ from friction_estimator.streams import complain, into_the_void, open_standard_st
 
 PROGRAM = "friction_estimator"
 
-EXIT_CODES = """exit codes: 0 done; 1 ran, but the data cannot answer (a readable recording without the topics
-or without a usable sample, an undecidable diagnosis); 2 usage or unreadable input; 70 a fault of the
-program (--debug shows the trace); 129, 130, 143 hung up, interrupted, terminated;
-141 the reader of the output went away"""
+EXIT_CODES = (
+    "exit codes: 0 done; 1 ran, but the data cannot answer (a readable recording without the topics or without a "
+    "usable sample, an undecidable diagnosis); 2 usage or unreadable input; 70 a fault of the program (--debug shows "
+    "the trace); 129, 130, 143 hung up, interrupted, terminated; 141 the reader of the output went away"
+)
 
 CLOSED_PIPE = 141
+
+
+WIDEST_HELP = 100
+"""Columns of `--help` at the most: longer lines are hard to read, and a terminal beside another window is no wider."""
+
+
+class HelpFormatter(argparse.HelpFormatter):
+    """Wraps help to the terminal, `WIDEST_HELP` at the most; what is indented stays as it
+    is written."""
+
+    def __init__(self, prog: str, **options: Any) -> None:
+        columns = min(shutil.get_terminal_size().columns, WIDEST_HELP)
+        super().__init__(prog, **{"width": columns - 2, "max_help_position": 28} | options)
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        paragraphs: list[str] = []
+        as_written = True
+        for line in text.splitlines():
+            if line.strip() and not line.startswith(" ") and not as_written:
+                paragraphs[-1] += f" {line}"
+            else:
+                paragraphs.append(line)
+            as_written = not line.strip() or line.startswith(" ")
+        folded = (
+            [one] if one.startswith(" ") or not one else textwrap.wrap(one, width, break_on_hyphens=False)
+            for one in paragraphs
+        )
+        return "\n".join(indent + line for lines in folded for line in lines)
 
 
 class Parser(argparse.ArgumentParser):
     """An argument parser that reports a usage error in one line and keeps examples as they are written."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
-        kwargs.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
+        kwargs.setdefault("formatter_class", HelpFormatter)
         kwargs.setdefault("allow_abbrev", False)
         super().__init__(*args, **kwargs)
         # `guarded` looks for it itself: it must know before the options can be parsed.

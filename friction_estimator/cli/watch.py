@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from friction_estimator.cli import common
 from friction_estimator.cli.terminal import say, stopped_by_signals
-from friction_estimator.core.errors import InputError
+from friction_estimator.core.errors import InputError, how_to_install
 
 if TYPE_CHECKING:
     from friction_estimator.ros.monitor_feed import MonitorFeed
@@ -48,7 +48,9 @@ def run(args: argparse.Namespace) -> int:
     try:
         from friction_estimator.ros.monitor_feed import MonitorFeed  # noqa: PLC0415 - needs ROS
     except ImportError as error:
-        raise InputError(f"watch needs rclpy, which cannot be imported here ({error}); source a ROS 2 setup") from error
+        raise InputError(
+            f"watch needs rclpy, which cannot be imported here ({error}); {how_to_install('rclpy')}"
+        ) from error
     ended = threading.Event()
     # Until all is closed: a second Ctrl-C must not tear threads of the middleware apart.
     with stopped_by_signals(ended.set), MonitorFeed(args.node, args.joint) as feed:
@@ -64,7 +66,8 @@ def _page(feed: "MonitorFeed", port: int, ended: threading.Event) -> None:
         from friction_estimator.report.live.page import LivePage  # noqa: PLC0415 - bokeh takes a second
     except ImportError as error:
         raise InputError(
-            f"the page needs bokeh, which cannot be imported here ({error}); pip install bokeh, or use --terminal"
+            f"the page needs bokeh, which cannot be imported here ({error}); {how_to_install('bokeh')}, "
+            "or use --terminal"
         ) from error
     with LivePage(feed.look, feed.topic, port) as page:
         say(f"watch: {page.address} shows {feed.topic}; Ctrl-C ends", flush=True)
@@ -75,7 +78,9 @@ def _screen(feed: "MonitorFeed", ended: threading.Event) -> None:
     try:
         from friction_estimator.report.live.screen import draw_screen  # noqa: PLC0415
     except ImportError as error:
-        raise InputError(f"--terminal needs rich, which cannot be imported here ({error}); pip install rich") from error
+        raise InputError(
+            f"--terminal needs rich, which cannot be imported here ({error}); {how_to_install('rich')}"
+        ) from error
     if sys.stdout is None or not sys.stdout.isatty():
         raise InputError("--terminal draws on a terminal, and stdout is none; leave the pipe away")
     draw_screen(feed.look, feed.topic, ended)

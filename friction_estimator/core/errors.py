@@ -14,6 +14,9 @@ PACKAGE = "friction_estimator"
 
 _HOME = Path(__file__).parents[1]
 
+EXTRAS = {"rclpy": "ros", "bokeh": "page", "jinja2": "page", "rich": "terminal", "pyarrow": "parquet"}
+"""Modules that not every installation has -> extra of setup.py that brings them."""
+
 FAULT = 70
 """Exit code of what should not happen: a fault of the program (EX_SOFTWARE of sysexits.h)."""
 
@@ -120,11 +123,24 @@ def _words(error: BaseException) -> str:
     if isinstance(error, MemoryError):
         return f"{place}not enough memory: give a shorter recording or a smaller table"
     if isinstance(error, ModuleNotFoundError):
-        return f"needs the Python module {_missing(error)}, which is not installed: see README.md"
+        return f"needs the Python module {_missing(error)}, which is not installed: {how_to_install(_missing(error))}"
     name = getattr(error, "filename", None)
     # A file name given as bytes is shown as the text that it stands for.
     file = f" {name.decode(errors='surrogateescape') if isinstance(name, bytes) else name}" if name else " a file"
     return f"{place}cannot use{file}: {getattr(error, 'strerror', '')}"
+
+
+def how_to_install(module: str) -> str:
+    """Return what to do where a module is missing.
+
+    >>> how_to_install("bokeh")
+    "pip install 'friction_estimator[page]'"
+    """
+    extra = EXTRAS.get(module)
+    if extra is None:
+        return "see README.md"
+    told = f"pip install '{PACKAGE}[{extra}]'"
+    return f"source a ROS 2 setup, or {told}" if module == "rclpy" else told
 
 
 def _missing(error: ModuleNotFoundError) -> str:

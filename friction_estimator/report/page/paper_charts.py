@@ -1,20 +1,33 @@
 """The charts of `reproduce`: Figs. 5 and 6, to look into."""
 
+from typing import Any
+
 import numpy as np
+from bokeh.layouts import column
 from bokeh.models import UIElement
 
-from friction_estimator.core.online.adaptation import LAWS
 from friction_estimator.core.quantities import Quantities
-from friction_estimator.paper.study import BATCH, MODELS, Study, static_curves
+from friction_estimator.core.sample import Floats
+from friction_estimator.paper.convergence import PAPER_LAW
+from friction_estimator.paper.shape import likeness
+from friction_estimator.paper.study import BATCH, LEARNERS, MODELS, Study, plant_curve, static_curves
 from friction_estimator.report.page import look, signals
 from friction_estimator.report.page.content import Chart
-from friction_estimator.report.reproduce_figures import PAPER_LAW, TITLES
+from friction_estimator.report.reproduce_figures import TITLES, label
 from friction_estimator.rig.drive import CONDITIONS
 
-ROWS = 6_000
+ROWS = 4_000
 
-NAMES = {"lms": "predicted", "nlms": "known", "rls": "theory", BATCH: "measured"}
-"""Law -> name of its colour."""
+INKS = {
+    "lms 0.002": ("predicted", "dotted"),
+    PAPER_LAW: ("predicted", "solid"),
+    "lms 0.01": ("predicted", "dashed"),
+    "lms 0.02": ("predicted", "dotdash"),
+    "nlms": ("known", "solid"),
+    "rls": ("theory", "solid"),
+    BATCH: ("measured", "solid"),
+}
+"""Learner -> name of its colour, and dashes."""
 
 
 def paper_charts(study: Study, q: Quantities) -> dict[str, list[Chart]]:
@@ -37,7 +50,7 @@ def _over_time(study: Study, model: str, condition: str, q: Quantities) -> Chart
     shown = study.shown[condition]
     samples, predicted = shown.samples, shown.predicted_N[model, PAPER_LAW]
     left = samples.friction_N - predicted
-    name = f"predicted ({PAPER_LAW})"
+    name = f"predicted ({label(PAPER_LAW)})"
     drawn = signals.Signals(
         samples.time_s,
         samples.restart,
@@ -48,15 +61,16 @@ def _over_time(study: Study, model: str, condition: str, q: Quantities) -> Chart
         None,
         signals.cycles_of(samples.velocity_m_s, left, [slice(0, len(samples))]),
     )
-    text = f"By the paper's law {PAPER_LAW}; every prediction was made before its measurement was used."
+    text = f"By the paper's law, {label(PAPER_LAW)}; every prediction was made before its measurement was used."
     return signals.chart(f"{TITLES[condition]}: over time", text, drawn, q, ROWS)
 
 
 def _learned(study: Study, model: str, condition: str, q: Quantities) -> Chart:
     text = (
-        "g and the filtered theory together, at constant velocity."
+        "g, the correction to the theory, at constant velocity; below it the sum of both, beside theory and plant."
         if model == "parallel"
-        else "g after each law, scaled onto the theory: its magnitude and sign are free."
+        else "g as it was learned, with its magnitude and sign; below it the same, scaled onto the theory, beside the "
+        "plant."
     )
     return Chart(f"{TITLES[condition]}: learned curve", text, lambda: _draw_learned(study, model, condition, q))
 
@@ -64,27 +78,42 @@ def _learned(study: Study, model: str, condition: str, q: Quantities) -> Chart:
 def _draw_learned(study: Study, model: str, condition: str, q: Quantities) -> UIElement:
     shown = study.shown[condition]
     config = shown.config.updated({"model.type": model})
-    rows = []
-    for law in (BATCH, *LAWS):
-        parameters = study.outcomes[condition, 0, model, law].parameters
+    v, d = np.zeros(0), np.zeros(0)
+    raw, whole = {}, {}
+    for learner in (BATCH, *LEARNERS):
+        parameters = study.outcomes[condition, 0, model, learner].parameters
         v, g, d = static_curves(config, parameters, shown.samples)
-        whole = g + parameters.theory_taps.sum() * d if model == "parallel" else g * float(g @ d) / float(g @ g)
-        rows.append((law, whole))
+        if model == "parallel":
+            raw[learner], whole[learner] = g, g + parameters.theory_taps.sum() * d
+        else:
+            raw[learner] = g / parameters.fir_taps.sum()
+            whole[learner] = raw[learner] / likeness(v, raw[learner], d).gain
     reach = 1.6 * float(np.abs(d).max())
-    target = look.chart(
-        f"velocity ({q.velocity})", f"friction ({q.force})", 320, y_range=look.spanning(-reach, reach, 0.0)
-    )
-    drawn = [
-        look.line(
-            target, v, np.clip(whole, -3 * reach, 3 * reach), NAMES[law], law, line_width=3.2 if law == BATCH else 1.5
+    usual = 1.1 * float(np.max(np.abs([*raw.values(), d])))
+    panels = []
+    for curves, name, limit in ((raw, "g", usual), (whole, "friction", reach)):
+        target = look.chart(
+            f"velocity ({q.velocity})", f"{name} ({q.force})", 280, y_range=look.spanning(-limit, limit, 0.0)
         )
-        for law, whole in rows
-    ]
-    look.line(target, v, d, "text", "theory d(v)", line_dash="dashed")
-    look.hover(
-        target, drawn[:1], [("velocity", f"@x{{0.0000}} {q.velocity}"), (BATCH, f"@y{{0.000}} {q.force}")], "vline"
-    )
-    return target
+        drawn = [_line(target, v, np.clip(curve, -3 * limit, 3 * limit), learner) for learner, curve in curves.items()]
+        if curves is whole or model == "hammerstein":
+            look.line(target, v, d, "text", "theory d", line_dash="dashed")
+        if curves is whole:
+            look.line(target, v, plant_curve(condition, v), "text", "plant", line_dash="dotted")
+        tips = [("velocity", f"@x{{0.0000}} {q.velocity}"), (BATCH, f"@y{{0.000}} {q.force}")]
+        look.hover(target, drawn[:1], tips, "vline")
+        panels.append(target)
+    return column(*panels, sizing_mode="stretch_width")
+
+
+def _line(target: look.Plot, x: Floats, y: Floats, learner: str) -> Any:
+    """Draw a line in the colour of its learner; the step sizes of lms are told by their dashes."""
+    ink, dash = INKS[learner]
+    # Single precision: half as much of the page, and no screen is finer.
+    x_drawn: Any = np.asarray(x, np.float32)
+    y_drawn: Any = np.asarray(y, np.float32)
+    width = 3.2 if learner == BATCH else 1.5
+    return look.line(target, x_drawn, y_drawn, ink, label(learner), line_width=width, line_dash=dash)
 
 
 def _errors(study: Study, model: str, condition: str) -> Chart:
@@ -97,15 +126,16 @@ def _errors(study: Study, model: str, condition: str) -> Chart:
 
 def _draw_errors(study: Study, model: str, condition: str) -> UIElement:
     tables = {
-        law: np.array([run.cycle_rms for run in study.over_seeds(condition, model, law)]) for law in (BATCH, *LAWS)
+        learner: np.array([run.cycle_rms for run in study.over_seeds(condition, model, learner)])
+        for learner in (BATCH, *LEARNERS)
     }
     all_values = np.concatenate([rows.ravel() for rows in tables.values()])
     seen = all_values[np.isfinite(all_values) & (all_values > 0.0)]
     low, high = 0.8 * float(seen.min()), min(1.25 * float(seen.max()), 1e3 * float(seen.min()))
     target = look.chart("drive cycle", "nrmse of a cycle (1)", 280, y_axis_type="log", y_range=(low, high))
-    for law, rows in tables.items():
+    for learner, rows in tables.items():
         cycles = np.arange(1.0, rows.shape[1] + 1.0)
-        look.band(target, cycles, rows.min(axis=0), rows.max(axis=0), NAMES[law], alpha=0.15)
-        middle = np.exp(np.mean(np.log(rows), axis=0))
-        look.line(target, cycles, middle, NAMES[law], law, line_width=3.0 if law == BATCH else 1.5)
+        if learner in (PAPER_LAW, BATCH, "nlms", "rls"):
+            look.band(target, cycles, rows.min(axis=0), rows.max(axis=0), INKS[learner][0], alpha=0.15)
+        _line(target, cycles, np.exp(np.mean(np.log(rows), axis=0)), learner)
     return target
