@@ -137,6 +137,7 @@ def main() -> None:
             samples.velocity_m_s,
             inputs.theory,
             inputs.extension,
+            inputs.noise,
             inputs.target,
             inputs.restart,
             inputs.inside,

@@ -30,6 +30,7 @@ class Samples:
     position_shift_m : (n,) float64 or None, what was added to the recorded position where its encoder had wrapped, m.
     acceleration_m_s2 : (n,) float64 or None, of the same instant, from velocity (`intake.acceleration`), m/s^2; made
         where `load.terms` needs it.
+    acceleration_variance : (n,) float64 or None, of the noise in it, (m/s^2)^2.
     """
 
     stamp_ns: Ints
@@ -41,6 +42,7 @@ class Samples:
     position_m: Floats | None = None
     position_shift_m: Floats | None = None
     acceleration_m_s2: Floats | None = None
+    acceleration_variance: Floats | None = None
 
     def __post_init__(self) -> None:
         n = self.stamp_ns.size

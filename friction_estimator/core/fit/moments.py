@@ -49,6 +49,7 @@ class Moments:
     power : E f^2.
     ridge : (N,), what was added to the diagonal.
     count : samples that the means are over.
+    noise : (loads,), mean variance of the noise in the columns of the load, the first of the extensions.
     """
 
     taps: int
@@ -60,6 +61,7 @@ class Moments:
     power: float
     ridge: Floats
     count: int
+    noise: Floats
 
     @property
     def size(self) -> int:
@@ -206,6 +208,7 @@ def accumulate(model: Model, blocks: Iterable[Inputs], restart: Bools, used: Boo
     others = extensions + 1  # extension columns and the target
     cross = np.zeros((taps, stride, others))
     small = np.zeros((others, others))
+    noise = np.zeros(model.load.size)
     dense = np.zeros((0, stride))
     begin = 0
     for inputs in blocks:
@@ -222,6 +225,7 @@ def accumulate(model: Model, blocks: Iterable[Inputs], restart: Bools, used: Boo
             lagged[i] += now.T @ rows[i]
             cross[i] += rows[i].T @ plain
         small += plain.T @ plain
+        noise += keep[:, 0] @ inputs.noise
         at_start, at_end = np.flatnonzero(starts[place]), np.flatnonzero(ends[place])
         for i in range(taps - 1):
             for j in range(taps - 1):
@@ -255,6 +259,7 @@ def accumulate(model: Model, blocks: Iterable[Inputs], restart: Bools, used: Boo
         power=float(small[-1, -1]) / count,
         ridge=penalty,
         count=count,
+        noise=noise / count,
     )
 
 

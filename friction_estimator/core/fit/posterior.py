@@ -34,6 +34,8 @@ COLOUR = 10.0
 """Factor on the error power before it is compared with the prior's residual variance: errors that repeat with the drive
 average out that much more slowly than white ones."""
 
+TINY = float(np.finfo(np.float64).tiny)
+
 ROUNDS = 6
 """Most times that the effective number of samples is computed anew from the fit that it led to."""
 
@@ -79,7 +81,22 @@ class Posterior:
         return np.asarray(self.weight * self.moments.gauss_newton(theta, ridge=False) + self.prior.information)
 
     def covariance(self, theta: Floats) -> Floats:
-        """Return the inverse of `information`, (n, n), in squared normalised units."""
+        """Return the covariance of theta, (n, n), in squared normalised units.
+
+        It is the inverse of `information` less what noise in the columns of the load seemed to bring
+        (`online.law_steps.without_noise`).
+        """
+        covariance = self._inverse(theta)
+        start = theta.size - self.moments.extensions
+        for place, noise in enumerate(self.weight * self.moments.noise, start):
+            own = covariance[place]
+            left = 1.0 - noise * own[place]
+            room = np.maximum(np.diag(self.prior.covariance) - np.diag(covariance), 0.0)
+            rise = min(noise / left if left > 0.0 else np.inf, float(np.min(room / np.maximum(np.square(own), TINY))))
+            covariance = covariance + rise * np.outer(own, own)
+        return covariance
+
+    def _inverse(self, theta: Floats) -> Floats:
         inverse = cho_solve(cho_factor(self.information(theta)), np.eye(theta.size))
         return np.asarray(0.5 * (inverse + inverse.T))
 
@@ -126,7 +143,7 @@ class Posterior:
     def degrees_of_freedom(self, theta: Floats) -> float:
         """Return tr(n / rho E[x x'] P): the number of parameters that the record, and not the prior, determines."""
         from_data = self.weight * self.moments.gauss_newton(theta, ridge=False)
-        return float(np.sum(from_data * self.covariance(theta)))
+        return float(np.sum(from_data * self._inverse(theta)))
 
 
 def settle(moments: Moments, prior: Prior, least_leverage: float, taps: Floats) -> tuple[Posterior, Floats]:

@@ -8,7 +8,8 @@ that a sample is admitted `half_width` later. At a gap, and where a recording en
 on the one side.
 
 White velocity noise s at a step dt becomes 8.7 s sqrt(dt) / (2 half_width)^1.5 of the acceleration's unit over many
-samples: a width in seconds, since noise in a column shrinks its coefficient, and more so the higher the rate.
+samples: a width in seconds, since noise in a column shrinks its coefficient, and more so the higher the rate. How
+noisy an acceleration is, the errors of its own cubic say: `acceleration_variance` goes with it.
 """
 
 from dataclasses import replace
@@ -27,12 +28,15 @@ LEAST = 2
 
 
 @njit(cache=True)
-def slopes(stamp_ns, velocity, restart, width_ns, first, stop, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Fill out[k] for samples first + k below `stop` with the derivative of the local cubic, m/s^2.
+def slopes(stamp_ns, velocity, restart, width_ns, first, stop, out, variance):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Fill out[k] for samples first + k below `stop` with the derivative of the local cubic, m/s^2, and its variance.
 
-    Windows end at restarts and at the ends of the arrays. With orthogonal polynomials p_j over the window,
+    Windows end at restarts and at the ends of the arrays. With orthogonal polynomials p_j over the window of n samples,
 
         p_(j+1) = (t - a_j) p_j - b_j p_(j-1),   v'(0) = sum_j <v, p_j> / <p_j, p_j> p_j'(0)
+        var v'(0) = s^2 sum_j p_j'(0)^2 / <p_j, p_j>,   s^2 = (<v, v> - sum_j <v, p_j>^2 / <p_j, p_j>) / (n - 4)
+
+    for velocity noise that is white; 0 where no sample is left over to tell it.
     """
     size = velocity.size
     time, now, before = np.empty(size), np.empty(size), np.empty(size)
@@ -50,7 +54,7 @@ def slopes(stamp_ns, velocity, restart, width_ns, first, stop, out):  # type: ig
         count = high - low + 1
         span = (stamp_ns[high] - stamp_ns[low]) / NS_PER_S
         if count < 2 or not span > 0.0:
-            out[i - first] = 0.0
+            out[i - first] = variance[i - first] = 0.0
             continue
         for j in range(count):
             time[j] = (stamp_ns[low + j] - stamp_ns[i]) / NS_PER_S / span
@@ -59,14 +63,19 @@ def slopes(stamp_ns, velocity, restart, width_ns, first, stop, out):  # type: ig
         value_now, value_before = 1.0, 0.0  # p_j and p_j' at the sample itself
         slope_now, slope_before = 0.0, 0.0
         power_before = 1.0
-        total = 0.0
-        for degree in range(min(DEGREE, count - 1) + 1):
+        total, left, spread = 0.0, 0.0, 0.0
+        for j in range(count):
+            left += (velocity[low + j] - velocity[i]) ** 2
+        degrees = min(DEGREE, count - 1) + 1
+        for degree in range(degrees):
             power, moment, fit = 0.0, 0.0, 0.0
             for j in range(count):
                 power += now[j] * now[j]
                 moment += time[j] * now[j] * now[j]
                 fit += now[j] * (velocity[low + j] - velocity[i])
             total += fit / power * slope_now
+            spread += slope_now * slope_now / power
+            left -= fit * fit / power
             a = moment / power
             b = power / power_before if degree > 0 else 0.0
             for j in range(count):
@@ -75,6 +84,8 @@ def slopes(stamp_ns, velocity, restart, width_ns, first, stop, out):  # type: ig
             value_now, value_before = -a * value_now - b * value_before, value_now
             power_before = power
         out[i - first] = total / span
+        free = count - degrees
+        variance[i - first] = max(left, 0.0) / free * spread / (span * span) if free > 0 else 0.0
 
 
 class AccelerationFilter:
@@ -121,9 +132,9 @@ class AccelerationFilter:
         return self._take(whole, len(whole))
 
     def _take(self, whole: Samples, done: int) -> Samples:
-        out = np.empty(done - self._past)
-        slopes(whole.stamp_ns, whole.velocity_m_s, whole.restart, self._width_ns, self._past, done, out)
-        ready = replace(whole[self._past : done], acceleration_m_s2=out)
+        out, variance = np.empty(done - self._past), np.empty(done - self._past)
+        slopes(whole.stamp_ns, whole.velocity_m_s, whole.restart, self._width_ns, self._past, done, out, variance)
+        ready = replace(whole[self._past : done], acceleration_m_s2=out, acceleration_variance=variance)
         next_ = min(done, len(whole) - 1)
         near = np.flatnonzero(np.abs(whole.stamp_ns - whole.stamp_ns[next_ : next_ + 1]) <= self._width_ns)
         # Further back than the window of the next reaches, or than its least number of samples.

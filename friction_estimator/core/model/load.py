@@ -277,6 +277,15 @@ class LoadTerms:
             out[:, i] = np.clip(part.column(motion) * self._without_dimension(part), -LARGEST_COLUMN, LARGEST_COLUMN)
         return out
 
+    def noise(self, samples: Samples) -> Floats:
+        """Return the variance of the noise in `columns`, (n, size): the acceleration has some."""
+        out = np.zeros((len(samples), self.size))
+        if samples.acceleration_variance is not None:
+            for i, part in enumerate(self.unknown):
+                if part.load.needs == "acceleration":
+                    out[:, i] = samples.acceleration_variance * self._without_dimension(part) ** 2
+        return np.minimum(out, LARGEST_COLUMN**2)
+
     def known_N(self, samples: Samples) -> Floats:
         """Return the force of the known terms, (n,), N."""
         total, motion = np.zeros(len(samples)), SampleMotion(samples)

@@ -49,12 +49,13 @@ PLAUSIBLE_SCALE = 30.0
 
 @dataclass(frozen=True)
 class Inputs:
-    """A batch of samples in normalised units, as the compiled loops take it."""
+    """A batch of samples in normalised units, as the compiled loops take it; noise is that in the load's columns."""
 
     index: NDArray[np.int32]
     value: Floats
     theory: Floats
     extension: Floats
+    noise: Floats
     target: Floats
     restart: Bools
     inside: Bools
@@ -228,6 +229,7 @@ class Model:
             value=value,
             theory=theory / unit,
             extension=np.ascontiguousarray(beside),
+            noise=self.load.noise(samples),
             target=samples.friction_N / unit,
             restart=samples.restart,
             inside=self.basis.inside(samples.velocity_m_s),

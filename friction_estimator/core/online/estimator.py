@@ -160,6 +160,7 @@ class Estimator:
                     chunk.velocity_m_s[rest],
                     inputs.theory,
                     inputs.extension,
+                    inputs.noise,
                     inputs.target,
                     inputs.restart,
                     learns[here],
@@ -384,6 +385,8 @@ class Estimator:
         other = Estimator(config, extension)
         if state["version"] == STATE_WITHOUT_KEPT:
             arrays = state_check.with_nothing_kept(arrays, other.work)
+        # States from before noise was told from excitation do not have it: some sixty samples' worth.
+        arrays = {"noise": other.work.noise, **arrays}
         state_check.take_over(other.work, arrays)
         self.config, self.model, self._prior, self.work = other.config, other.model, other._prior, other.work
 

@@ -12,7 +12,15 @@ from friction_estimator.core.fit.band import EXTRAPOLATION, note_error, usual_va
 from friction_estimator.core.intake.standstill import stands, stopping
 from friction_estimator.core.model.prediction import TAPS, push, regress
 from friction_estimator.core.online import workspace as at
-from friction_estimator.core.online.law_steps import PULL_EVERY, learn_lms, learn_nlms, learn_rls, project, pull
+from friction_estimator.core.online.law_steps import (
+    PULL_EVERY,
+    learn_lms,
+    learn_nlms,
+    learn_rls,
+    project,
+    pull,
+    without_noise,
+)
 from friction_estimator.core.online.recovery import FORMER, HELD, alarming, begin_hold, judge, predicted_by, surprise_of
 
 LMS, NLMS, RLS = range(3)
@@ -68,6 +76,7 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     velocity,
     theory,
     extension,
+    column_noise,
     target,
     restart,
     learn,
@@ -82,6 +91,7 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     mean,
     information,
     prior_root,
+    noise,
     owed,
     law,
     moments,
@@ -99,7 +109,8 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     ----------
     law_number : LMS, NLMS or RLS.
     index, value : (n, width), rows of Psi. cell : (n,), cell of the velocity. beyond : (n,), relative distance outside
-        the range. velocity : (n,), m/s. theory : (n,), d. extension : (n, columns). target : (n,), measured friction.
+        the range. velocity : (n,), m/s. theory : (n,), d. extension : (n, columns).
+        column_noise : (n, loads), variance of the noise in the columns of the load. target : (n,), measured friction.
         All finite; forces in normalised units.
     restart, learn : (n,) bool.
     predicted, deviation : (n,), filled with the a priori prediction and its standard deviation.
@@ -206,9 +217,12 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
             learn_nlms(shape, theta, ring, law, status, prior, x, clipped, gain)
             continue
         if LEAST_EXCITATION < r < LARGEST_EXCITATION:
-            learn_rls(shape, theta, ring, law, moments, status, root, x, error, clipped, projected, r, gain)
+            w = learn_rls(shape, theta, ring, law, moments, status, root, x, error, clipped, projected, r, gain)
+            for load in range(noise.size):
+                noise[load] += w * column_noise[k, load]
         status[at.UNPULLED] += 1
         if status[at.UNPULLED] >= PULL_EVERY:
             status[at.UNPULLED] = 0
+            without_noise(shape, root, prior_root, noise, gain)
             pull(theta, root, mean, information, owed, moments, status, projected, gain)
     return 0

@@ -67,6 +67,7 @@ def in_larger_units(work: Workspace, before: Model, after: Model, prior: Prior) 
         theta=theta,
         root=root,
         ring_theory=work.ring_theory * theory / ratio,
+        noise=work.noise / ratio**2,
         owed=np.zeros_like(work.owed),
         moments=moments,
         errors=errors,

@@ -7,7 +7,7 @@ import numpy as np
 
 from friction_estimator.compiled import njit
 from friction_estimator.core.fit.posterior import COLOUR
-from friction_estimator.core.model.prediction import TAPS, WEIGHTS
+from friction_estimator.core.model.prediction import EXTENSIONS, TAPS, WEIGHTS
 from friction_estimator.core.online import workspace as at
 from friction_estimator.core.settings.groups import LARGEST_PARAMETER
 
@@ -159,6 +159,8 @@ def learn_rls(shape, theta, ring, law, moments, status, root, x, error, clipped,
     A step that is shortened, because the error is an outlier or because the model is too curved for it, counts as
     proportionally less information. So does every sample while known errors are larger than the prior takes them to be
     (`noise` above 1): what the model cannot follow repeats with the drive, and would outvote any prior.
+
+    Returns w.
     """
     n = theta.size
     noise = max(1.0, COLOUR * moments[at.MISFIT_POWER] / law[at.RESIDUAL_VARIANCE])
@@ -166,7 +168,7 @@ def learn_rls(shape, theta, ring, law, moments, status, root, x, error, clipped,
         gain[i] = _dot(root[i], projected)
     step = _trusted(shape, ring, status, x, gain, clipped / (noise + r))
     if not _step_along(theta, gain, step, status):
-        return
+        return 0.0
     # step = error / (rho + r): rho is the noise variance at which this step is the whole one.
     w = 1.0 / max(noise, error / step - r) if step != 0.0 else 1.0 / noise
     floor = law[at.LEAST_LEVERAGE]
@@ -180,6 +182,43 @@ def learn_rls(shape, theta, ring, law, moments, status, root, x, error, clipped,
                 root[i, j] -= factor * projected[j]
     moments[at.ABSORBED] += w * noise
     moments[at.PULL] += (1.0 - w * noise) / max(moments[at.ABSORBED], 1.0)
+    return w
+
+
+@njit(cache=True)
+def without_noise(shape, root, prior_root, noise, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Take off the information that noise in the columns of the load seemed to bring: R <- R - s_j e_j e_j'.
+
+    With r = P_jj, f = S' e_j and u = s_j / (1 - s_j r) that is
+
+        P <- P + u P e_j e_j' P,    S <- S (I + gamma f f'),    gamma = (sqrt(1 + u r) - 1) / r
+
+    The noise of an acceleration is no motion: where the drive's own part of the column is less than it, nothing is
+    known of the coefficient, however many samples there were (docs/decisions/0096-noise-is-no-excitation.md). No
+    variance comes to exceed the prior's.
+    """
+    n = root.shape[0]
+    start = n - shape[EXTENSIONS]
+    for load in range(noise.size):
+        excess = noise[load]
+        noise[load] = 0.0
+        if not excess > 0.0:
+            continue
+        row = root[start + load]
+        r = _dot(row, row)
+        rise = excess / (1.0 - excess * r) if excess * r < 1.0 else np.inf
+        for i in range(n):
+            gain[i] = _dot(root[i], row)
+            room = max(0.0, _dot(prior_root[i], prior_root[i]) - _dot(root[i], root[i]))
+            if rise * gain[i] * gain[i] > room:
+                rise = room / (gain[i] * gain[i])
+        gamma = (np.sqrt(1.0 + rise * r) - 1.0) / r
+        for i in range(n):
+            if i != start + load:
+                for j in range(n):
+                    root[i, j] += gamma * gain[i] * row[j]
+        for j in range(n):
+            row[j] *= 1.0 + gamma * r
 
 
 @njit(cache=True)

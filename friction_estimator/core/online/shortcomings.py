@@ -19,7 +19,8 @@ from friction_estimator.core.fit.frozen_score import CURVES, curves_learned
 from friction_estimator.core.intake.acceleration import slopes
 from friction_estimator.core.intake.standstill import standstill
 from friction_estimator.core.model.load import LOADS, SampleMotion
-from friction_estimator.core.sample import Bools, Floats, Samples
+from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Samples
+from friction_estimator.core.settings.config import Config
 
 GOOD_NRMSE = 0.1
 """Error over the spread of friction below which nothing is asked."""
@@ -39,8 +40,8 @@ FOLDS, PERIODS = 4, 10
 SMOOTH_SHARE = 0.02
 """Of the top speed: width of the smooth sign beside which a load is sought."""
 
-HALF_WIDTH = 5
-"""Samples on either side that an acceleration is taken from (`intake.acceleration`)."""
+HALF_WIDTH_NS = round(Config().load.half_width * NS_PER_S)
+"""Time on either side that an acceleration is taken from (`intake.acceleration`)."""
 
 MOST_LOADS = 2
 
@@ -218,8 +219,17 @@ def _speeds(share: float) -> Shortcoming:
 
 
 def _motion(samples: Samples) -> SampleMotion:
-    acceleration = np.empty(len(samples))
-    slopes(samples.stamp_ns, samples.velocity_m_s, samples.restart, HALF_WIDTH, 0, len(samples), acceleration)
+    acceleration, variance = np.empty((2, len(samples)))
+    slopes(
+        samples.stamp_ns,
+        samples.velocity_m_s,
+        samples.restart,
+        HALF_WIDTH_NS,
+        0,
+        len(samples),
+        acceleration,
+        variance,
+    )
     position = None if samples.position_m is None else np.nan_to_num(samples.position_m)
     return SampleMotion(replace(samples, acceleration_m_s2=acceleration, position_m=position))
 

@@ -49,6 +49,8 @@ class Workspace:
     root : (n, n), square root S of the covariance P = S S' over the residual variance (rls), else (0, 0).
     prior : (n,), the metric of nlms, else (0,).
     mean : (n,), information, prior_root : (n, n), of the prior over the residual variance (rls), else empty.
+    noise : (loads,), of each column of the load the noise in it that the covariance took for excitation, to be taken
+        off again (rls).
     owed : (n,), where the parameters stood over the prior's mean at the last alarm (rls), else (0,): a share
         `moments[OWED]` of it is still to be paid back.
     law : (6,), constants of the law.
@@ -76,6 +78,7 @@ class Workspace:
     mean: Floats
     information: Floats
     prior_root: Floats
+    noise: Floats
     owed: Floats
     law: Floats
     moments: Floats
