@@ -1,10 +1,12 @@
 """Load terms: what is known is taken off, what is unknown is learned, what the drive cannot tell apart is said."""
 
+import re
+
 import numpy as np
 import pytest
 
 from friction_estimator.core.errors import ConfigError
-from friction_estimator.core.fit.batch import fit_batch
+from friction_estimator.core.fit.batch import fit_batch, predict
 from friction_estimator.core.intake.acceleration import AccelerationFilter
 from friction_estimator.core.intake.admission import Intake
 from friction_estimator.core.intake.pairing import FRICTION, POSITION, VELOCITY
@@ -186,7 +188,15 @@ def test_acceleration_of_uneven_stamps_is_exact_for_cubics_and_does_not_reach_ov
         assert parts.restart.tobytes() == restart.tobytes()
 
 
-@pytest.mark.parametrize("terms", [["inertia", "gravity"], ["inertia=0.03", "spring"], ["constant=0.2"]])
+@pytest.mark.parametrize(
+    "terms",
+    [
+        ["inertia", "gravity"],
+        ["inertia=0.03", "spring"],
+        ["constant=0.2"],
+        ["load_dependence", "inertia=0.03", "gravity"],
+    ],
+)
 def test_the_live_step_gives_what_replay_gives(terms):
     given = config(terms)
     t, q, v, effort = pendulum(seconds=6.0)
@@ -237,6 +247,7 @@ def test_a_force_unit_that_rises_keeps_what_was_learned_of_the_load():
         ("spring:center=0", "no 'center'; it has stiffness, centre"),
         ("spring:centre", "is not centre=number"),
         ("gravity:sin=1,sin=2", "sin is given twice"),
+        ("load_dependence=0.03", "name it alone"),
     ],
 )
 def test_a_term_that_cannot_be_read_is_refused_in_one_line(text, words):
@@ -251,9 +262,16 @@ def test_a_coefficient_is_named_once():
         LoadTerms(config(["inertia=2", "inertia"]))
 
 
+def test_friction_that_follows_the_load_needs_one():
+    with pytest.raises(ConfigError, match="name these too"):
+        LoadTerms(config(["load_dependence"]))
+
+
 @pytest.mark.parametrize("name", list(LOADS))
 def test_columns_are_finite_for_wild_samples(name):
-    given = config([name], basis__velocity_range=[-1.0, 1.0], force_unit=1.0)
+    given = config(
+        [name, "inertia"] if name == "load_dependence" else [name], basis__velocity_range=[-1.0, 1.0], force_unit=1.0
+    )
     t, q, v, effort = pendulum(seconds=4.0)
     v[100], q[200] = 1e12, 1e12
     samples = admitted(given, t, q, v, effort)
@@ -350,3 +368,58 @@ def test_the_variance_of_an_acceleration_is_that_of_its_noise():
     error = found[1].acceleration_m_s2 - found[0].acceleration_m_s2
     assert np.mean(found[1].acceleration_variance) == pytest.approx(np.mean(np.square(error)), rel=0.05)
     assert found[0].acceleration_variance.max() < 1e-4 * found[1].acceleration_variance.mean()
+
+
+SHARE = 0.06
+
+
+def geared(seed: int, share: float = SHARE, drive: float = 1.0):
+    """A pendulum behind a gear whose teeth rub in proportion to what they carry."""
+    t, q, v, a = motion(tuple((drive * f, amplitude) for f, amplitude in MULTISINE))
+    load = INERTIA * a + SIN * np.sin(q) + COS * np.cos(q)
+    effort = friction_of(v) + share * np.abs(load) * np.tanh(v / 0.05) + load
+    return t, q, v, effort + NOISE * np.random.default_rng(seed).standard_normal(t.size)
+
+
+@pytest.mark.parametrize("share", [SHARE, 0.0])
+def test_friction_that_follows_the_load_is_told_from_it(share):
+    given = config(["load_dependence", "inertia", "gravity"])
+    samples = admitted(given, *geared(1, share))
+    batch, online = fitted(given, samples), replay(samples, given)
+    for found in (batch.loads, online.loads):
+        assert [load.term for load in found] == [*TRUTH, "load_dependence"]
+        for load in found:
+            assert load.separated, load.reason
+            assert load.ci95[0] <= {**TRUTH, "load_dependence": share}[load.term] <= load.ci95[1], load.text
+        assert found[-1].ci95[1] - found[-1].ci95[0] < 0.05
+    # What is predicted with fixed values is what the loop predicts, the size of the load taken from the same values.
+    fixed = online.estimator.parameters
+    frozen = Estimator(online.estimator.config.updated({}))
+    frozen.parameters = fixed
+    np.testing.assert_allclose(
+        frozen.run(samples, learn=False), predict(samples, online.estimator.config, fixed), atol=1e-12
+    )
+
+
+def test_without_the_term_what_follows_the_load_is_named():
+    given = config(["inertia", "gravity"])
+    t, q, v, effort = geared(2, share=0.5)
+    judged = replay(admitted(given, t, q, v, effort), given, freeze_after=0.5)
+    (found,) = judged.shortcomings
+    assert found.name == "load"
+    assert "load_dependence" in found.advice
+
+
+def test_a_load_given_in_another_scale_than_the_effort_is_named_and_the_advice_helps():
+    """The torque channel is 1.4 times too large."""
+    terms = [f"inertia={INERTIA}", f"gravity:sin={SIN},cos={COS}"]
+    t, q, v, effort = pendulum()
+    given = config(terms)
+    judged = replay(admitted(given, t, q, v, 1.4 * effort), given, freeze_after=0.5)
+    (found,) = judged.shortcomings
+    assert found.name == "load_scale"
+    times = float(re.search(r"divide it by ([\d.]+)", found.advice)[1])
+    assert times == pytest.approx(1.4, abs=0.05)
+    helped = replay(admitted(given, t, q, v, 1.4 * effort / times), given, freeze_after=0.5)
+    assert not helped.shortcomings
+    assert helped.figures()["nrmse_frozen"] < 0.3 * judged.figures()["nrmse_frozen"]

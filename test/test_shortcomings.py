@@ -34,7 +34,7 @@ def judgement(samples: Samples, predicted: np.ndarray | None = None, top: float 
     """The first half learned from, the second judged; predicted by the true curve unless given."""
     half = np.arange(len(samples)) >= len(samples) // 2
     known = friction(samples.velocity_m_s) if predicted is None else predicted
-    return Judgement(samples, known, ~half, half, top, frozenset())
+    return Judgement(samples, known, ~half, half, top, frozenset(), np.zeros(len(samples)), np.zeros(len(samples)))
 
 
 def named(judged: Judgement) -> list[str]:

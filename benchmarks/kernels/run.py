@@ -138,6 +138,7 @@ def main() -> None:
             inputs.theory,
             inputs.extension,
             inputs.noise,
+            inputs.known,
             inputs.target,
             inputs.restart,
             inputs.inside,

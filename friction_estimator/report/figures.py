@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from friction_estimator.core import metrics
 from friction_estimator.core.fit.band import Curve
-from friction_estimator.core.model.load import LoadTerms, SampleMotion
+from friction_estimator.core.model.load import LoadTerms
 from friction_estimator.core.online.replay import Replay
 from friction_estimator.core.quantities import FORCE, VELOCITY, Quantities
 from friction_estimator.core.sample import Bools, Floats, Samples
@@ -241,9 +241,8 @@ def friction_alone(replay: Replay) -> Floats:
     if not terms.size or not replay.loads:
         return replay.samples.friction_N
     values = {load.term: load.value for load in replay.loads}
-    motion = SampleMotion(replay.samples)
-    load = [values.get(part.label, 0.0) * part.column(motion) for part in terms.unknown]
-    return np.asarray(replay.samples.friction_N - np.sum(load, axis=0), np.float64)
+    weights = np.array([values.get(part.label, 0.0) for part in terms.unknown]) / terms.scales
+    return np.asarray(replay.samples.friction_N - terms.force_N(replay.samples, weights), np.float64)
 
 
 def supported(outlook: Curve, curve: Curve) -> Bools:

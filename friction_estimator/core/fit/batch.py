@@ -20,6 +20,9 @@ from friction_estimator.core.model.structure import CHUNK, Extension, Model, Par
 from friction_estimator.core.sample import Bools, Floats, Samples
 from friction_estimator.core.settings.config import Config
 
+LOAD_ROUNDS = 3
+"""Fits, each with the load of the one before, where friction follows the load."""
+
 RANDOM_STARTS = 2
 """Starts at taps drawn from the prior beside its mean."""
 
@@ -132,14 +135,16 @@ def fit_batch(
     """
     model = Model(config, extension)
     prior = Prior.of(model)
-    moments = gather(model, samples, use, ridge=0.0)
-    taps = moments.taps
+    taps = int(model.shape[0])
     draws = np.random.default_rng(seed).standard_normal((RANDOM_STARTS, taps))
     starts = [prior.mean[:taps], *(prior.mean[:taps] + prior.root[:taps, :taps] @ draw for draw in draws)]
-    posterior, first = settle(moments, prior, 1.0 - config.rls.forgetting_factor, starts[0])
-    ends = sorted([first, *(posterior.minimum(start) for start in starts[1:])], key=posterior.cost)
-    theta = ends[0]
-    parameters = model.split(theta)
+    parameters = model.split(prior.mean)
+    for _ in range(LOAD_ROUNDS if model.load.follows else 1):
+        moments = gather(model, samples, use, ridge=0.0, load_weights=parameters.load_weights)
+        posterior, first = settle(moments, prior, 1.0 - config.rls.forgetting_factor, starts[0])
+        ends = sorted([first, *(posterior.minimum(start) for start in starts[1:])], key=posterior.cost)
+        theta = ends[0]
+        parameters = model.split(theta)
     predicted = predict(samples, config, parameters, extension)
     used = np.broadcast_to(np.asarray(use, np.bool_), (len(samples),)) & model.basis.inside(samples.velocity_m_s)
     used = used & with_past(samples.restart, taps)
@@ -169,7 +174,8 @@ def predict(samples: Samples, config: Config, parameters: Parameters, extension:
     for start in range(0, len(samples), CHUNK):
         part = slice(start, start + CHUNK)
         inputs = model.inputs(samples[part])
-        arrays = (inputs.index, inputs.value, inputs.theory, inputs.extension, inputs.restart)
+        load = (inputs.extension, inputs.known, model.load.size - 1)
+        arrays = (inputs.index, inputs.value, inputs.theory, *load, inputs.restart)
         predict_fixed(*arrays, predicted[part], model.shape, theta, *lines)
     predicted *= model.unit_N
     return predicted

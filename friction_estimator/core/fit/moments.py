@@ -147,7 +147,13 @@ def products(model: Model) -> int:
     return taps * (weights + (1 if theory_taps else 0)) + extensions
 
 
-def gather(model: Model, samples: Samples, use: Bools | bool = True, ridge: float = RIDGE) -> Moments:
+def gather(
+    model: Model,
+    samples: Samples,
+    use: Bools | bool = True,
+    ridge: float = RIDGE,
+    load_weights: Floats | None = None,
+) -> Moments:
     """Read a recording into its moments.
 
     The delay lines are those of `kernels`: at a restart they are filled with the first row. Samples outside the basis'
@@ -163,6 +169,7 @@ def gather(model: Model, samples: Samples, use: Bools | bool = True, ridge: floa
     samples : the recording.
     use : (n,) or one value, the samples to fit.
     ridge : penalty on a coefficient of one prior deviation, see `RIDGE`.
+    load_weights : coefficients of the load, from which friction that follows it has its column; 0 unless given.
 
     Raises
     ------
@@ -180,7 +187,10 @@ def gather(model: Model, samples: Samples, use: Bools | bool = True, ridge: floa
         raise UnanswerableError("no sample lies inside basis.velocity_range, with its past: nothing to fit")
     if model.extension is not None:
         model.extension.restart()
-    blocks = (model.inputs(samples[begin : begin + BLOCK]) for begin in range(0, len(samples), BLOCK))
+    weights = np.zeros(model.load.size) if load_weights is None else load_weights
+    blocks = (
+        model.inputs(samples[begin : begin + BLOCK]).under_load(weights) for begin in range(0, len(samples), BLOCK)
+    )
     return accumulate(model, blocks, samples.restart, used, ridge)
 
 

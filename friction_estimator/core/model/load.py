@@ -1,12 +1,16 @@
 """Load terms: what the measured effort holds beside friction, linear in coefficients that are known or learned.
 
     effort = friction + inertia a + stiffness (x - centre) + g_sin sin q + g_cos cos q + constant
+             + share |load| sgn v
 
+with the load the sum of the terms before: teeth and bearings rub the more, the more they carry (`load_dependence`).
 `load.terms` names them. What is known is taken off the measurement at admission (`intake.admission`), so that all that
 follows sees friction; what is unknown is learned beside the friction, one column each, under the same prior.
 
 A column is made dimensionless by the drive's speed scale V and T0 = 1 s, so that its coefficient is in force units
-whatever the machine: z = a T0 / V for inertia, (x - centre) / (V T0) for a spring, and 1, sin q, cos q as they are.
+whatever the machine: z = a T0 / V for inertia, (x - centre) / (V T0) for a spring, and 1, sin q, cos q as they are. The
+column of `load_dependence` is the sign of the velocity here, times the size of the load as the coefficients have it
+then (`prediction.rubbing`): pseudo-linear, as in extended least squares.
 """
 
 from collections.abc import Callable, Mapping
@@ -47,6 +51,10 @@ class Motion(Protocol):
     def position_m(self) -> Floats:
         """Position, m or rad."""
 
+    @property
+    def velocity_m_s(self) -> Floats:
+        """Velocity, m/s or rad/s."""
+
 
 @dataclass(frozen=True)
 class Load:
@@ -62,6 +70,7 @@ class Load:
     of_motion : whether the column is an acceleration or a position, which the speed scale makes dimensionless.
     keys : further numbers of a term with their defaults.
     even : whether it has a part that is the same at rest and in both directions.
+    follows : whether its column is the sign of the velocity, to be multiplied by the size of the other terms together.
     """
 
     parts: tuple[str, ...]
@@ -72,6 +81,7 @@ class Load:
     of_motion: bool = False
     keys: Mapping[str, float] = field(default_factory=dict)
     even: bool = False
+    follows: bool = False
 
 
 def _constant(motion: Motion, keys: Mapping[str, float]) -> Floats:  # noqa: ARG001
@@ -88,6 +98,10 @@ def _spring(motion: Motion, keys: Mapping[str, float]) -> Floats:
 
 def _gravity(motion: Motion, keys: Mapping[str, float]) -> Floats:  # noqa: ARG001
     return np.column_stack([np.sin(motion.position_m), np.cos(motion.position_m)])
+
+
+def _sign(motion: Motion, keys: Mapping[str, float]) -> Floats:  # noqa: ARG001
+    return np.sign(motion.velocity_m_s)[:, None]
 
 
 LOADS: Registry[Load] = Registry("load term")
@@ -122,6 +136,16 @@ LOADS.register(
         _constant,
         "reverse slowly and often; friction that differs between the directions is told from it near standstill only",
         even=True,
+    ),
+)
+LOADS.register(
+    "load_dependence",
+    Load(
+        ("share",),
+        "1",
+        _sign,
+        "let the load vary from none to much at the same velocities: lift and lower it",
+        follows=True,
     ),
 )
 
@@ -198,6 +222,8 @@ def parse_term(text: str) -> list[LoadPart]:
         values[key] = _number(word) if is_given else np.nan
         if not abs(values[key]) <= LARGEST_COEFFICIENT:
             raise ConfigError(f"load.terms: {text!r}: {item!r} is not {key}=number")
+    if load.follows and values:
+        raise ConfigError(f"load.terms: {text!r}: {name} is learned: name it alone")
     keys |= {key: value for key, value in values.items() if key in load.keys}
     return [LoadPart(name, place, keys, values.get(part)) for place, part in enumerate(load.parts)]
 
@@ -241,7 +267,12 @@ class LoadTerms:
         for label in labels:
             if labels.count(label) > 1:
                 raise ConfigError(f"load.terms: {label} is named twice")
-        self.unknown = tuple(part for part in parts if part.value is None)
+        self.follows = any(part.load.follows for part in parts)
+        if self.follows and len(parts) == 1:
+            raise ConfigError("load.terms: load_dependence is the friction that the other terms cause: name these too")
+        # What follows the load comes last: `prediction.rubbing` finds it there.
+        unknown = (part for part in parts if part.value is None)
+        self.unknown = tuple(sorted(unknown, key=lambda part: part.load.follows))
         self.known = tuple(part for part in parts if part.value is not None)
         self._speed = config.velocity_scale
         self._unit_N = config.unit_N
@@ -263,7 +294,9 @@ class LoadTerms:
     @property
     def scales(self) -> Floats:
         """SI value of each unknown coefficient over its value in force units, (size,)."""
-        return np.array([self._unit_N * self._without_dimension(part) for part in self.unknown])
+        return np.array(
+            [1.0 if part.load.follows else self._unit_N * self._without_dimension(part) for part in self.unknown]
+        )
 
     def _without_dimension(self, part: LoadPart) -> float:
         """Return the factor on a column, V^-1 T0^+-1 or 1; T0 is 1 s."""
@@ -274,6 +307,9 @@ class LoadTerms:
         out = np.empty((len(samples), self.size))
         motion = SampleMotion(samples)
         for i, part in enumerate(self.unknown):
+            if part.load.follows:
+                out[:, i] = np.tanh(samples.velocity_m_s / (SMOOTH_SHARE * self._speed))
+                continue
             out[:, i] = np.clip(part.column(motion) * self._without_dimension(part), -LARGEST_COLUMN, LARGEST_COLUMN)
         return out
 
@@ -285,6 +321,14 @@ class LoadTerms:
                 if part.load.needs == "acceleration":
                     out[:, i] = samples.acceleration_variance * self._without_dimension(part) ** 2
         return np.minimum(out, LARGEST_COLUMN**2)
+
+    def force_N(self, samples: Samples, weights: Floats) -> Floats:
+        """Return the force of the unknown terms, (n,), N, their coefficients `weights`, (size,), in force units."""
+        columns = self.columns(samples)
+        if self.follows:
+            size = np.abs(columns[:, :-1] @ weights[:-1] + self.known_N(samples) / self._unit_N)
+            columns[:, -1] *= size
+        return np.asarray(self._unit_N * (columns @ weights))
 
     def known_N(self, samples: Samples) -> Floats:
         """Return the force of the known terms, (n,), N."""
@@ -311,6 +355,11 @@ class SampleMotion:
         """Position."""
         return np.zeros(len(self.samples)) if self.samples.position_m is None else self.samples.position_m
 
+    @property
+    def velocity_m_s(self) -> Floats:
+        """Velocity."""
+        return self.samples.velocity_m_s
+
 
 def _made(values: Floats | None) -> Floats:
     if values is None:
@@ -325,15 +374,16 @@ def friction_alone(config: Config, samples: Samples) -> Floats:
     the effort.
     """
     terms = LoadTerms(config)
-    if not terms.size or not len(samples):
+    linear = [part for part in terms.unknown if not part.load.follows]
+    if not linear or not len(samples):
         return samples.friction_N
     motion, velocity = SampleMotion(samples), samples.velocity_m_s
     top = float(np.quantile(np.abs(velocity), 0.99)) or 1.0
-    load = np.column_stack([part.column(motion) for part in terms.unknown])
+    load = np.column_stack([part.column(motion) for part in linear])
     friction = np.column_stack([np.tanh(velocity / (SMOOTH_SHARE * top)), velocity])
     columns = np.column_stack([load, friction])
     norm = np.sqrt(np.mean(np.square(columns), axis=0))
     columns = columns / np.where(norm > 0.0, norm, 1.0)
     gram = columns.T @ columns / len(samples) + FIT_RIDGE * np.eye(columns.shape[1])
     weights = np.linalg.solve(gram, columns.T @ samples.friction_N / len(samples))
-    return np.asarray(samples.friction_N - columns[:, : terms.size] @ weights[: terms.size])
+    return np.asarray(samples.friction_N - columns[:, : len(linear)] @ weights[: len(linear)])

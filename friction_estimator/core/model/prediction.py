@@ -80,19 +80,33 @@ def regress(shape, theta, ring, ring_theory, status, extension, x):  # type: ign
     return prediction
 
 
+@njit(cache=True)
+def rubbing(shape, theta, extension, last, known):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return the size of the load, the known one and the first `last` columns of the extension with their weights."""
+    start = theta.size - shape[EXTENSIONS]
+    total = known
+    for i in range(last):
+        total += theta[start + i] * extension[i]
+    return abs(total)
+
+
 @njit(cache=True, nogil=True)
 def predict_fixed(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    index, value, theory, extension, restart, predicted, shape, theta, ring, ring_theory, status
+    index, value, theory, extension, known, last, restart, predicted, shape, theta, ring, ring_theory, status
 ):
     """Fill `predicted`, (n,), with the output of fixed parameters.
 
     Parameters
     ----------
     index, value : (n, width), rows of Psi. theory : (n,), d. extension : (n, columns). restart : (n,) bool.
+    known : (n, 1), the known load, where column `last` of the extension is the sign of friction that follows the load,
+        else (n, 0).
     shape, theta : of the model.
     ring, ring_theory, status : from `delay_lines`, updated in place, so that a record can be taken in parts.
     """
     x = np.zeros(theta.size)
     for k in range(predicted.size):
         push(shape, ring, ring_theory, status, index[k], value[k], theory[k], restart[k] or status[HEAD] < 0)
+        if known.shape[1] > 0:
+            extension[k, last] *= rubbing(shape, theta, extension[k], last, known[k, 0])
         predicted[k] = regress(shape, theta, ring, ring_theory, status, extension[k], x)

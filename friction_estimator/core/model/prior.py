@@ -40,6 +40,9 @@ at zero and says nothing of the taps behind it: noise would move looser ones."""
 LOAD_DEVIATION, LOAD_METRIC = 100.0, 0.3
 """Of a load coefficient in force units: its prior deviation (any load is possible), and its metric deviation."""
 
+SHARE_DEVIATION = 0.3
+"""Of the share of the load that joins the friction: a few per cent in most gears, a half in a worm."""
+
 ASYMMETRY_DEVIATION = 0.5
 """Force units by which friction may differ between the directions as a whole, where a load that does not is unknown:
 a constant and an unlike Coulomb friction differ at standstill only, where nothing is learned."""
@@ -97,7 +100,7 @@ class Prior:
             else decaying(taps, settings.tap_deviation, decay),
             nonlinear,
             impulse_response(theory_taps, shared, decay, settings.theory_gain_deviation),
-            LOAD_DEVIATION**2 * np.eye(load),
+            np.diag([SHARE_DEVIATION**2 if part.load.follows else LOAD_DEVIATION**2 for part in model.load.unknown]),
             EXTENSION_DEVIATION**2 * np.eye(extensions),
         )
         tap = PARALLEL_METRIC_TAP if theory_taps else METRIC_TAP

@@ -9,7 +9,7 @@ g is a sum over a wavelet basis, H and H1 are FIR filters, d is the theoretical 
 set of step sizes serves a 5 N seal and a 5 kN cylinder.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Protocol
 
 import numpy as np
@@ -49,18 +49,31 @@ PLAUSIBLE_SCALE = 30.0
 
 @dataclass(frozen=True)
 class Inputs:
-    """A batch of samples in normalised units, as the compiled loops take it; noise is that in the load's columns."""
+    """A batch of samples in normalised units, as the compiled loops take it.
+
+    `noise` is the variance of that in the load's columns; `known` the known load, (n, 1), where friction follows the
+    load, else (n, 0).
+    """
 
     index: NDArray[np.int32]
     value: Floats
     theory: Floats
     extension: Floats
     noise: Floats
+    known: Floats
     target: Floats
     restart: Bools
     inside: Bools
     cell: Ints
     beyond: Floats
+
+    def under_load(self, weights: Floats) -> "Inputs":
+        """Return these with the column of friction that follows the load times its size, for coefficients (loads,)."""
+        if not self.known.shape[1]:
+            return self
+        last, extension = weights.size - 1, self.extension.copy()
+        extension[:, last] *= np.abs(self.known[:, 0] + extension[:, :last] @ weights[:last])
+        return replace(self, extension=extension)
 
 
 @dataclass(frozen=True)
@@ -230,6 +243,7 @@ class Model:
             theory=theory / unit,
             extension=np.ascontiguousarray(beside),
             noise=self.load.noise(samples),
+            known=self.load.known_N(samples)[:, None] / unit if self.load.follows else np.zeros((len(samples), 0)),
             target=samples.friction_N / unit,
             restart=samples.restart,
             inside=self.basis.inside(samples.velocity_m_s),

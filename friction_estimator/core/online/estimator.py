@@ -161,6 +161,7 @@ class Estimator:
                     inputs.theory,
                     inputs.extension,
                     inputs.noise,
+                    inputs.known,
                     inputs.target,
                     inputs.restart,
                     learns[here],

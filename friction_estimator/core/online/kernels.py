@@ -10,7 +10,7 @@ import numpy as np
 from friction_estimator.compiled import njit
 from friction_estimator.core.fit.band import EXTRAPOLATION, note_error, usual_variance
 from friction_estimator.core.intake.standstill import stands, stopping
-from friction_estimator.core.model.prediction import TAPS, push, regress
+from friction_estimator.core.model.prediction import TAPS, push, regress, rubbing
 from friction_estimator.core.online import workspace as at
 from friction_estimator.core.online.law_steps import (
     PULL_EVERY,
@@ -77,6 +77,7 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     theory,
     extension,
     column_noise,
+    known,
     target,
     restart,
     learn,
@@ -110,7 +111,9 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     law_number : LMS, NLMS or RLS.
     index, value : (n, width), rows of Psi. cell : (n,), cell of the velocity. beyond : (n,), relative distance outside
         the range. velocity : (n,), m/s. theory : (n,), d. extension : (n, columns).
-        column_noise : (n, loads), variance of the noise in the columns of the load. target : (n,), measured friction.
+        column_noise : (n, loads), variance of the noise in the columns of the load.
+        known : (n, 1), known load, where the last of these is the sign of friction that follows the load, else (n, 0).
+        target : (n,), measured friction.
         All finite; forces in normalised units.
     restart, learn : (n,) bool.
     predicted, deviation : (n,), filled with the a priori prediction and its standard deviation.
@@ -125,6 +128,8 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     projected = np.zeros(n)
     gain = np.zeros(n)
     settled = shape[TAPS] - 1
+    last = noise.size - 1
+    follows = known.shape[1] > 0
     for k in range(target.size):
         begins = restart[k] or status[at.SEEN] == 0
         push(shape, ring, ring_theory, status, index[k], value[k], theory[k], begins)
@@ -134,15 +139,24 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
         holding = hold[at.HOLDING] == 1.0
         if holding:
             # Scratch that the challenger's own prediction fills anew.
+            if follows:
+                sign = extension[k, last]
+                extension[k, last] = sign * rubbing(shape, kept[HELD, :n], extension[k], last, known[k, 0])
             held, held_variance = predicted_by(
                 kept[HELD], cell[k], extension[k], shape, theta, owed, errors, ring, ring_theory, status, x
             )
             if law_number == RLS:
                 held_variance += law[at.RESIDUAL_VARIANCE] * project(kept_root[HELD], x, projected)
+            if follows:
+                extension[k, last] = sign * rubbing(shape, kept[FORMER, :n], extension[k], last, known[k, 0])
             former, former_variance = predicted_by(
                 kept[FORMER], cell[k], extension[k], shape, theta, owed, errors, ring, ring_theory, status, x
             )
+            if follows:
+                extension[k, last] = sign
             hold[at.HELD_SINCE] += 1.0
+        if follows:
+            extension[k, last] *= rubbing(shape, theta, extension[k], last, known[k, 0])
         predicted[k] = regress(shape, theta, ring, ring_theory, status, extension[k], x)
         error = target[k] - predicted[k]
         variance = usual_variance(errors, cell[k], moments[at.ERROR_POWER])

@@ -48,6 +48,7 @@ def in_larger_units(work: Workspace, before: Model, after: Model, prior: Prior) 
     change = np.full(before.size, 1.0 / ratio)
     change[:taps] = 1.0
     change[taps + weights : taps + weights + theory_taps] = 1.0 / theory
+    change[before.load_places] = before.load.scales / after.load.scales
     change[before.load_places.stop :] = 1.0  # terms of a diagnosis are in newton whatever the unit
     theta, root = work.theta * change, work.root
     if root.size:
@@ -67,7 +68,6 @@ def in_larger_units(work: Workspace, before: Model, after: Model, prior: Prior) 
         theta=theta,
         root=root,
         ring_theory=work.ring_theory * theory / ratio,
-        noise=work.noise / ratio**2,
         owed=np.zeros_like(work.owed),
         moments=moments,
         errors=errors,

@@ -234,6 +234,7 @@ class LiveStep(Events):
             self._theory,
             np.zeros((1, 0)),
             np.zeros((1, 0)),
+            np.zeros((1, 0)),
             self._target,
             self._restart,
             self._learn,

@@ -150,6 +150,7 @@ class Replay:
         frozen = ~self.learned
         scored = metrics.settled(self.samples.restart, self.config.fir.order)
         model = self.estimator.model
+        given = model.load.known_N(self.samples)
         return Judgement(
             samples=self.samples,
             predicted_N=self.predicted_N,
@@ -157,6 +158,8 @@ class Replay:
             scored=scored & frozen if frozen.any() else scored,
             top_speed_m_s=max(abs(end) for end in model.basis.reach),
             has_loads=frozenset(part.name for part in (*model.load.known, *model.load.unknown)),
+            given_N=given,
+            load_N=given + model.load.force_N(self.samples, self.parameters.load_weights),
         )
 
     @cached_property

@@ -45,6 +45,9 @@ HALF_WIDTH_NS = round(Config().load.half_width * NS_PER_S)
 
 MOST_LOADS = 2
 
+GIVEN = "the load given"
+"""What was taken off as known load, once more: its share is by how much the effort holds it other than given."""
+
 SINGULAR = 1e-14
 """Share of the largest eigenvalue of the moments below which a direction is rounding."""
 
@@ -55,7 +58,7 @@ class Shortcoming:
 
     Attributes
     ----------
-    name : "standstill", "direction", "speeds", "load" or "time".
+    name : "standstill", "direction", "speeds", "load", "load_scale" or "time".
     share_percent : of the squared error that falls to it.
     text : what was seen. advice : what to do.
     """
@@ -96,6 +99,7 @@ class Judgement:
     ----------
     samples : all n of them. predicted_N : (n,). learned, scored : (n,), learned from, and judged on.
     top_speed_m_s : of the range learned. has_loads : kinds of load that the model has already.
+    given_N : (n,), what was taken off as known load; load_N : (n,), that and the load learned beside the friction.
     """
 
     samples: Samples
@@ -104,6 +108,8 @@ class Judgement:
     scored: Bools
     top_speed_m_s: float
     has_loads: frozenset[str]
+    given_N: Floats
+    load_N: Floats
 
     @property
     def error_N(self) -> Floats:
@@ -143,7 +149,7 @@ def shortcomings(judged: Judgement) -> tuple[Shortcoming, ...]:
     >>> v = np.where(np.arange(n) < 2000, 1.0, 0.0) * np.sin(np.arange(n) / 30)
     >>> stuck = 0.5 * np.sin(np.arange(n) / 7) * (v == 0.0)
     >>> record = Samples(np.arange(n) * 10**7, v, np.sign(v) + stuck, np.arange(n) == 0)
-    >>> judged = Judgement(record, np.sign(v), v != 0.0, np.ones(n, bool), 1.0, frozenset())
+    >>> judged = Judgement(record, np.sign(v), v != 0.0, np.ones(n, bool), 1.0, frozenset(), np.zeros(n), np.zeros(n))
     >>> [one.name for one in shortcomings(judged)]
     ['standstill']
     """
@@ -243,8 +249,14 @@ def _load(judged: Judgement, within: Bools, left: float) -> Shortcoming | None:
     motion = _motion(samples)
     for name, load in LOADS.items():
         is_known = samples.position_m is not None or load.needs != "position"
-        if name != "constant" and name not in judged.has_loads and is_known:
+        if name == "constant" or name in judged.has_loads or not is_known:
+            continue
+        if not load.follows:
             parts[name] = load.columns(motion, load.keys)[within]
+        elif judged.load_N.any():
+            parts[name] = (smooth * np.abs(judged.load_N[within]))[:, None]
+    if judged.given_N.any():
+        parts[GIVEN] = judged.given_N[within, None]
     error_of = _held_out(parts, samples.friction_N[within])
     before = error_of(("friction",))
     kinds = [name for name in parts if name != "friction"]
@@ -261,6 +273,8 @@ def _load(judged: Judgement, within: Bools, left: float) -> Shortcoming | None:
     if 1.0 - gains[best] > (1.0 - LEAST_SHARE) * (1.0 - gains[alone]):
         best = alone
     gain = max(0.0, gains[best])
+    if GIVEN in best:
+        return _other_scale(parts, samples.friction_N[within], best, 100.0 * gain * left)
     words = " and ".join(best)
     return Shortcoming(
         "load",
@@ -268,6 +282,23 @@ def _load(judged: Judgement, within: Bools, left: float) -> Shortcoming | None:
         f"the force holds more than friction: {words} beside Coulomb and viscous friction explains {gain:.0%} of what "
         "these leave of it in motion, on parts of the record that were not fitted",
         f"set load.terms: [{', '.join(best)}] in --config, or take the load off at import",
+    )
+
+
+def _other_scale(
+    parts: Mapping[str, Floats], force: Floats, best: tuple[str, ...], share_percent: float
+) -> Shortcoming:
+    """Say how many times the load given the effort holds."""
+    columns = np.column_stack([parts[GIVEN], *(parts[name] for name in ("friction", *best) if name != GIVEN)])
+    times = 1.0 + float(np.linalg.lstsq(columns, force, rcond=None)[0][0])
+    beside = "".join(f", {name} beside it" for name in best if name != GIVEN)
+    return Shortcoming(
+        "load_scale",
+        share_percent,
+        f"the effort holds {times:.2f} times the load given in load.terms{beside}",
+        "where that load is right, the effort is in another unit or scale (current for torque, motor for joint, a "
+        f"torque constant): divide it by {times:.2f} at import; where the effort is right, name the terms without "
+        "values",
     )
 
 
