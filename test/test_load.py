@@ -325,7 +325,8 @@ def test_rls_vouches_for_no_load_after_an_alarm():
 def slow_then_fast(seed: int, slow_seconds: float = 60.0):
     """Return time, position, noisy velocity and effort: inertia acts like gravity on a slow sine, then not."""
     parts = [motion(((f, 0.9),), seconds) for f, seconds in ((0.25, slow_seconds), (0.7, 12.0))]
-    t = np.arange(sum(part[0].size for part in parts)) / RATE
+    slow, fast = (part[0] for part in parts)
+    t = np.append(slow, slow[-1] + 1.0 + fast)  # a gap: no shaft jumps from one sine into the other
     q, v, a = (np.concatenate([part[k] for part in parts]) for k in (1, 2, 3))
     rng = np.random.default_rng(seed)
     effort = friction_of(v) + INERTIA * a + SIN * np.sin(q) + COS * np.cos(q) + NOISE * rng.standard_normal(t.size)

@@ -143,7 +143,7 @@ def fit_batch(
         moments = gather(model, samples, use, ridge=0.0, load_weights=parameters.load_weights)
         posterior, first = settle(moments, prior, 1.0 - config.rls.forgetting_factor, starts[0])
         ends = sorted([first, *(posterior.minimum(start) for start in starts[1:])], key=posterior.cost)
-        theta = ends[0]
+        theta = posterior.compensated(ends[0])
         parameters = model.split(theta)
     predicted = predict(samples, config, parameters, extension)
     used = np.broadcast_to(np.asarray(use, np.bool_), (len(samples),)) & model.basis.inside(samples.velocity_m_s)

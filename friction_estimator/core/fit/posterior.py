@@ -34,6 +34,9 @@ COLOUR = 10.0
 """Factor on the error power before it is compared with the prior's residual variance: errors that repeat with the drive
 average out that much more slowly than white ones."""
 
+SLACK = 1.001
+"""Of the prior's variance where noise is taken off: what the record does not tell has it but for rounding."""
+
 TINY = float(np.finfo(np.float64).tiny)
 
 ROUNDS = 6
@@ -83,18 +86,30 @@ class Posterior:
     def covariance(self, theta: Floats) -> Floats:
         """Return the covariance of theta, (n, n), in squared normalised units.
 
-        It is the inverse of `information` less what noise in the columns of the load seemed to bring
-        (`online.law_steps.without_noise`).
+        It is the inverse of `information` less what noise in the columns of the load seemed to bring (see
+        `online.law_steps.without_noise`).
         """
-        covariance = self._inverse(theta)
+        return self._without_noise(theta)[0]
+
+    def compensated(self, theta: Floats) -> Floats:
+        """Return theta without what noise in the columns of the load shrinks it by, where the drive tells more."""
+        return self._without_noise(theta)[1]
+
+    def _without_noise(self, theta: Floats) -> tuple[Floats, Floats]:
+        covariance, theta = self._inverse(theta), theta.copy()
         start = theta.size - self.moments.extensions
         for place, noise in enumerate(self.weight * self.moments.noise, start):
+            if not noise > 0.0:
+                continue
             own = covariance[place]
-            left = 1.0 - noise * own[place]
-            room = np.maximum(np.diag(self.prior.covariance) - np.diag(covariance), 0.0)
-            rise = min(noise / left if left > 0.0 else np.inf, float(np.min(room / np.maximum(np.square(own), TINY))))
-            covariance = covariance + rise * np.outer(own, own)
-        return covariance
+            left = 1.0 - 2.0 * noise * own[place]
+            rise = 2.0 * noise / left if left > 0.0 else np.inf
+            room = np.maximum(SLACK * np.diag(self.prior.covariance) - np.diag(covariance), 0.0)
+            most = float(np.min(room / np.maximum(np.square(own), TINY)))
+            if rise <= most:
+                theta += noise / (1.0 - noise * own[place]) * theta[place] * own
+            covariance = covariance + min(rise, most) * np.outer(own, own)
+        return covariance, theta
 
     def _inverse(self, theta: Floats) -> Floats:
         inverse = cho_solve(cho_factor(self.information(theta)), np.eye(theta.size))

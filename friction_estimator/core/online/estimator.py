@@ -319,10 +319,7 @@ class Estimator:
         moments, rho = self.work.moments, self._prior.residual_variance
         weight = float(moments[workspace.ABSORBED]) / rho
         misfit = float(np.sqrt(moments[workspace.MISFIT_POWER]))
-        # A challenger has taken over: it started from a load that was not what the samples then told.
-        replaced = self.work.status[workspace.ALARMED] > self.work.hold[workspace.RESTORED]
-        doubt = "the effort changed beyond what was learned (an alarm): identify tells, or a reset" if replaced else ""
-        return learned_loads(self.model, self._predicting[0], self.covariance, weight, misfit, doubt)
+        return learned_loads(self.model, self._predicting[0], self.covariance, weight, misfit)
 
     @property
     def health(self) -> Health:

@@ -10,7 +10,7 @@ import numpy as np
 from friction_estimator.compiled import njit
 from friction_estimator.core.fit.band import EXTRAPOLATION, note_error, usual_variance
 from friction_estimator.core.intake.standstill import stands, stopping
-from friction_estimator.core.model.prediction import TAPS, push, regress, rubbing
+from friction_estimator.core.model.prediction import EXTENSIONS, TAPS, push, regress, rubbing
 from friction_estimator.core.online import workspace as at
 from friction_estimator.core.online.law_steps import (
     PULL_EVERY,
@@ -64,6 +64,16 @@ def _beyond(moments, status, velocity, beyond, learn):  # type: ignore[no-untype
     if abs(velocity) > abs(moments[at.FARTHEST]):
         moments[at.FARTHEST] = velocity
     return status[at.MAY_GROW] == 1 and abs(status[at.BEYOND]) >= GROW_AFTER
+
+
+@njit(cache=True)
+def noise_in(theta, shape, column_noise):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return the variance that noise in the columns of the load gives a prediction."""
+    start = theta.size - shape[EXTENSIONS]
+    total = 0.0
+    for load in range(column_noise.size):
+        total += theta[start + load] * theta[start + load] * column_noise[load]
+    return total
 
 
 @njit(cache=True, nogil=True)
@@ -145,6 +155,7 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
             held, held_variance = predicted_by(
                 kept[HELD], cell[k], extension[k], shape, theta, owed, errors, ring, ring_theory, status, x
             )
+            held_variance += noise_in(kept[HELD, :n], shape, column_noise[k])
             if law_number == RLS:
                 held_variance += law[at.RESIDUAL_VARIANCE] * project(kept_root[HELD], x, projected)
             if follows:
@@ -152,6 +163,7 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
             former, former_variance = predicted_by(
                 kept[FORMER], cell[k], extension[k], shape, theta, owed, errors, ring, ring_theory, status, x
             )
+            former_variance += noise_in(kept[FORMER, :n], shape, column_noise[k])
             if follows:
                 extension[k, last] = sign
             hold[at.HELD_SINCE] += 1.0
@@ -161,9 +173,11 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
         error = target[k] - predicted[k]
         variance = usual_variance(errors, cell[k], moments[at.ERROR_POWER])
         r = 0.0
+        open_variance = noise_in(theta, shape, column_noise[k])
         if law_number == RLS:
             r = project(root, x, projected)
-            variance += law[at.RESIDUAL_VARIANCE] * r
+            open_variance += law[at.RESIDUAL_VARIANCE] * r
+        variance += open_variance
         outside = EXTRAPOLATION * beyond[k]
         deviation[k] = np.sqrt(variance + outside * outside)
         if holding:
@@ -220,7 +234,7 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
             if hold[at.HOLDING] == 0.0:
                 continue
         elif (law_number == NLMS or law[at.LEAST_LEVERAGE] > 0.0) and alarming(
-            hold, kept, theta, owed, errors, moments, cell[k], error, law[at.RESIDUAL_VARIANCE] * r, law
+            hold, kept, theta, owed, errors, moments, velocity[k], cell[k], error, open_variance, law
         ):
             hold[at.HELD_SINCE] = 0.0
             begin_hold(
@@ -237,6 +251,6 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
         status[at.UNPULLED] += 1
         if status[at.UNPULLED] >= PULL_EVERY:
             status[at.UNPULLED] = 0
-            without_noise(shape, root, prior_root, noise, gain)
+            without_noise(shape, theta, root, prior_root, noise, status, gain)
             pull(theta, root, mean, information, owed, moments, status, projected, gain)
     return 0

@@ -14,6 +14,9 @@ from friction_estimator.core.settings.groups import LARGEST_PARAMETER
 LEAST_BACKOFF, RECOVERY = 1e-4, 1e-4
 """lms: smallest factor on the step size after guarded steps, and its relative growth a sample."""
 
+SLACK = 1.001
+"""Of the prior's variance where noise is taken off: what no sample told has it but for rounding."""
+
 PULL_EVERY, LARGEST_PULL, PAID_AT_ONCE = 64, 0.5, 1.0 / 256.0
 """Samples between two pulls towards the prior, and the largest one: above 1 it would overshoot. After an alarm a
 256th of what is owed is paid at each, in 16,384 samples: by then what the drive visits is learned anew, and only the
@@ -186,32 +189,40 @@ def learn_rls(shape, theta, ring, law, moments, status, root, x, error, clipped,
 
 
 @njit(cache=True)
-def without_noise(shape, root, prior_root, noise, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Take off the information that noise in the columns of the load seemed to bring: R <- R - s_j e_j e_j'.
+def without_noise(shape, theta, root, prior_root, noise, status, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Take off what noise in the columns of the load seemed to tell: information N_j = sum w s_j, and a pull to 0.
 
-    With r = P_jj, f = S' e_j and u = s_j / (1 - s_j r) that is
+    Least squares shrinks a coefficient by N_j P_jj, the share of its information that is noise; where that is put back,
+    theta += N_j / (1 - N_j P_jj) P e_j theta_j, the information is (1 - N_j P_jj)^2 of what it seemed, which is at
+    least R - 2 N_j e_j e_j'. With u = 2 N_j / (1 - 2 N_j P_jj) and f = S' e_j that is
 
-        P <- P + u P e_j e_j' P,    S <- S (I + gamma f f'),    gamma = (sqrt(1 + u r) - 1) / r
+        P <- P + u P e_j e_j' P,    S <- S (I + gamma f f'),    gamma = (sqrt(1 + u P_jj) - 1) / P_jj
 
-    The noise of an acceleration is no motion: where the drive's own part of the column is less than it, nothing is
-    known of the coefficient, however many samples there were (docs/decisions/0096-noise-is-no-excitation.md). No
-    variance comes to exceed the prior's.
+    No variance comes to exceed the prior's; where one would, noise is half of the column's own part or more, nothing
+    is known of the coefficient however many samples there were, and its value stays that of least squares, which
+    predicts best (docs/decisions/0096-noise-is-no-excitation.md; Zheng, IEEE Trans. Automatic Control 43 (1998) 1144).
     """
     n = root.shape[0]
     start = n - shape[EXTENSIONS]
     for load in range(noise.size):
-        excess = noise[load]
+        seeming = noise[load]
         noise[load] = 0.0
-        if not excess > 0.0:
+        if not seeming > 0.0:
             continue
         row = root[start + load]
         r = _dot(row, row)
-        rise = excess / (1.0 - excess * r) if excess * r < 1.0 else np.inf
+        rise = np.inf
+        if 2.0 * seeming * r < 1.0:
+            rise = 2.0 * seeming / (1.0 - 2.0 * seeming * r)
+        known = True
         for i in range(n):
             gain[i] = _dot(root[i], row)
-            room = max(0.0, _dot(prior_root[i], prior_root[i]) - _dot(root[i], root[i]))
+            room = max(0.0, SLACK * _dot(prior_root[i], prior_root[i]) - _dot(root[i], root[i]))
             if rise * gain[i] * gain[i] > room:
                 rise = room / (gain[i] * gain[i])
+                known = False
+        if known:
+            _step_along(theta, gain, seeming / (1.0 - seeming * r) * theta[start + load], status)
         gamma = (np.sqrt(1.0 + rise * r) - 1.0) / r
         for i in range(n):
             if i != start + load:

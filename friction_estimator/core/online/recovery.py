@@ -48,6 +48,9 @@ SPACING = 256
 CALM_AFTER = 1000
 """Samples learned from without alarm after which a new estimator has become calm: before, nothing is held."""
 
+CALM_REVERSALS = 2.0
+"""Reversals that it has to have met, too: what a first half cycle takes for usual says nothing of the other half."""
+
 CELLS_A_BIN = 4
 """Cells of velocity that are judged together: a basis unit."""
 
@@ -197,11 +200,31 @@ def _usual_errors(row, cell, theta, owed, errors):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True)
-def alarming(hold, kept, theta, owed, errors, moments, cell, error, open_variance, law):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def _count_reversals(hold, law, velocity):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Count the reversals of the drive; where it makes none, `SAMPLES_A_REVERSAL` samples are one."""
+    side = 1.0 if velocity > 0.0 else -1.0
+    hold[at.UNREVERSED] += 1.0
+    if abs(velocity) <= SIDE_SHARE * law[at.TOP_SPEED] or side == hold[at.SIDE]:
+        hold[at.ACROSS] = 0.0
+    else:
+        hold[at.ACROSS] += 1.0
+        if hold[at.ACROSS] >= SIDE_SAMPLES:
+            hold[at.REVERSALS] += hold[at.SIDE] != 0.0
+            hold[at.SIDE] = side
+            hold[at.UNREVERSED] = hold[at.ACROSS] = 0.0
+    if hold[at.UNREVERSED] >= SAMPLES_A_REVERSAL:
+        hold[at.REVERSALS] += 1.0
+        hold[at.UNREVERSED] = 0.0
+
+
+@njit(cache=True)
+def alarming(hold, kept, theta, owed, errors, moments, velocity, cell, error, open_variance, law):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Take one error while nothing is held; return whether the alarm is raised.
 
     What is usual is what was usual when the model was kept: errors of the last samples must not make themselves usual.
+    `open_variance` is what the covariance leaves open of the prediction, and what noise in its columns adds.
     """
+    _count_reversals(hold, law, velocity)
     if hold[at.CALM] == 0.0:
         _keep_everywhere(hold, kept, theta, owed, errors, moments)
     moments[at.TOLERANCE] -= (moments[at.TOLERANCE] - 1.0) / TOLERANCE_MEMORY
@@ -211,7 +234,7 @@ def alarming(hold, kept, theta, owed, errors, moments, cell, error, open_varianc
     hold[at.SLOW_SUM] = max(0.0, hold[at.SLOW_SUM] + min(surprise, MOST) - SLOW_DRIFT)
     if hold[at.SUM] > THRESHOLD or hold[at.SLOW_SUM] > SLOW_THRESHOLD:
         hold[at.SUM] = hold[at.SLOW_SUM] = 0.0
-        if hold[at.CALM] >= CALM_AFTER:
+        if hold[at.CALM] >= CALM_AFTER and hold[at.REVERSALS] >= CALM_REVERSALS:
             return True
         hold[at.CALM] = 0.0
         return False
@@ -309,19 +332,7 @@ def judge(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
 
     A surprise is a squared error over what is usual for the held model (for the former model: for that).
     """
-    side = 1.0 if velocity > 0.0 else -1.0
-    hold[at.UNREVERSED] += 1.0
-    if abs(velocity) <= SIDE_SHARE * law[at.TOP_SPEED] or side == hold[at.SIDE]:
-        hold[at.ACROSS] = 0.0
-    else:
-        hold[at.ACROSS] += 1.0
-        if hold[at.ACROSS] >= SIDE_SAMPLES:
-            hold[at.REVERSALS] += hold[at.SIDE] != 0.0
-            hold[at.SIDE] = side
-            hold[at.UNREVERSED] = hold[at.ACROSS] = 0.0
-    if hold[at.UNREVERSED] >= SAMPLES_A_REVERSAL:
-        hold[at.REVERSALS] += 1.0
-        hold[at.UNREVERSED] = 0.0
+    _count_reversals(hold, law, velocity)
     row = trial[cell // CELLS_A_BIN]
     row[0] += 1.0
     gain = 1.0 / min(row[0], MEMORY)

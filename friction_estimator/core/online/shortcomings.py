@@ -257,7 +257,8 @@ def _load(judged: Judgement, within: Bools, left: float) -> Shortcoming | None:
             parts[name] = (smooth * np.abs(judged.load_N[within]))[:, None]
     if judged.given_N.any():
         parts[GIVEN] = judged.given_N[within, None]
-    error_of = _held_out(parts, samples.friction_N[within])
+    force = (samples.friction_N - judged.load_N + judged.given_N)[within]  # without what was learned of the load
+    error_of = _held_out(parts, force)
     before = error_of(("friction",))
     kinds = [name for name in parts if name != "friction"]
     if not before > 0.0 or not kinds:
@@ -274,7 +275,7 @@ def _load(judged: Judgement, within: Bools, left: float) -> Shortcoming | None:
         best = alone
     gain = max(0.0, gains[best])
     if GIVEN in best:
-        return _other_scale(parts, samples.friction_N[within], best, 100.0 * gain * left)
+        return _other_scale(parts, force, best, 100.0 * gain * left)
     words = " and ".join(best)
     return Shortcoming(
         "load",
