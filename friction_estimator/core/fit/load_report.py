@@ -67,7 +67,7 @@ class LearnedLoad:
 
 
 def learned_loads(
-    model: Model, theta: Floats, covariance: Floats | None, weight: float, misfit: float, doubt: str = ""
+    model: Model, theta: Floats, covariance: Floats | None, weight: float, misfit: float
 ) -> list[LearnedLoad]:
     """Return what is known of each unknown term.
 
@@ -76,13 +76,12 @@ def learned_loads(
     theta, covariance : (n,) and (n, n), parameters and their posterior covariance; None for laws that keep none.
     weight : n / rho, what the information has of E[x x'].
     misfit : rms of the errors that are left, in force units.
-    doubt : why the covariance cannot be relied on; then nothing counts as separated.
     """
     parts, scales = model.load.unknown, model.load.scales
     values = theta[model.load_places] * scales
     units = [model.config.quantities.si.unit(part.load.unit) for part in parts]
-    if covariance is None or doubt:
-        reason = doubt or "this law keeps no covariance: rls and identify tell"
+    if covariance is None:
+        reason = "this law keeps no covariance: rls and identify tell"
         rows = zip(parts, values, units, strict=True)
         return [LearnedLoad(part.label, float(value), unit, None, False, reason) for part, value, unit in rows]
     information = _inverse(covariance)
