@@ -7,6 +7,7 @@ import pytest
 
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.fit.batch import fit_batch, predict
+from friction_estimator.core.fit.load_report import LearnedLoad
 from friction_estimator.core.intake.acceleration import AccelerationFilter
 from friction_estimator.core.intake.admission import Intake
 from friction_estimator.core.intake.pairing import FRICTION, POSITION, VELOCITY
@@ -16,6 +17,7 @@ from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.online.first_contact import chosen
 from friction_estimator.core.online.live import LiveStep
 from friction_estimator.core.online.replay import replay
+from friction_estimator.core.quantities import ROTARY, Quantities
 from friction_estimator.core.sample import Samples, in_sequence
 from friction_estimator.core.settings.config import Config
 
@@ -78,6 +80,8 @@ def friction_error(run, velocity):
     curve = np.interp(velocity, run.curve.velocity_m_s, run.curve.friction_N)
     return np.hypot(np.sqrt(np.mean(np.square(curve - friction_of(velocity)))), NOISE)
 
+
+SI = Quantities(ROTARY)
 
 TRUTH = {"inertia": INERTIA, "gravity:sin": SIN, "gravity:cos": COS}
 
@@ -294,6 +298,14 @@ def test_a_state_keeps_the_load_and_one_from_before_is_one_without():
     Estimator(bare).restore(former)
     with pytest.raises(ConfigError, match=r"load\.terms"):
         Estimator(given).restore(former)
+    without = one.state()
+    del without["arrays"]["noise"]  # as from before it was there
+    Estimator(given).restore(without)
+    for value in (-1.0, np.nan):
+        unsound = one.state()
+        unsound["arrays"]["noise"][0] = value
+        with pytest.raises(ConfigError, match="state array noise"):
+            two.restore(unsound)
 
 
 def test_the_mass_of_a_measured_axis_is_found(shared_data):
@@ -316,7 +328,7 @@ def test_after_a_change_of_the_friction_the_load_is_learned_anew():
     assert online.health.alarmed > online.health.restored
     for load in online.loads:
         assert load.separated, load.reason
-        assert load.ci95[0] <= TRUTH[load.term] <= load.ci95[1], load.text
+        assert load.ci95[0] <= TRUTH[load.term] <= load.ci95[1], load.text(SI)
 
 
 def slow_then_fast(seed: int, slow_seconds: float = 60.0):
@@ -338,7 +350,7 @@ def test_noise_of_the_acceleration_does_not_separate_an_inertia():
     samples = admitted(given, t[slow], q[slow], v[slow], effort[slow])
     for found in (fitted(given, samples).loads, replay(samples, given).loads):
         for load in found:
-            assert not load.separated or load.ci95[0] <= TRUTH[load.term] <= load.ci95[1], load.text
+            assert not load.separated or load.ci95[0] <= TRUTH[load.term] <= load.ci95[1], load.text(SI)
         assert not found[0].separated
 
 
@@ -388,7 +400,7 @@ def test_friction_that_follows_the_load_is_told_from_it(share):
         assert [load.term for load in found] == [*TRUTH, "load_dependence"]
         for load in found:
             assert load.separated, load.reason
-            assert load.ci95[0] <= {**TRUTH, "load_dependence": share}[load.term] <= load.ci95[1], load.text
+            assert load.ci95[0] <= {**TRUTH, "load_dependence": share}[load.term] <= load.ci95[1], load.text(SI)
         assert found[-1].ci95[1] - found[-1].ci95[0] < 0.05
     # What is predicted with fixed values is what the loop predicts, the size of the load taken from the same values.
     fixed = online.estimator.parameters
@@ -421,3 +433,12 @@ def test_a_load_given_in_another_scale_than_the_effort_is_named_and_the_advice_h
     helped = replay(admitted(given, t, q, v, 1.4 * effort / times), given, freeze_after=0.5)
     assert not helped.shortcomings
     assert helped.figures()["nrmse_frozen"] < 0.3 * judged.figures()["nrmse_frozen"]
+
+
+def test_a_load_is_told_in_the_readers_units():
+    shown = SI.in_units(["mNm"])
+    assert LearnedLoad("gravity:sin", 1.2, "N m", (1.1, 1.3), True, "").told(shown) == (
+        "1200 mN m",
+        "[1100, 1300] mN m",
+    )
+    assert LearnedLoad("load_dependence", 0.03, "1", (0.02, 0.04), True, "").told(shown) == ("0.03", "[0.02, 0.04]")

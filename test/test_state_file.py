@@ -62,7 +62,7 @@ def test_a_state_of_version_3_loads_bit_for_bit():
     assert estimator.health.learned > 1400
     arrays = read_state(VERSION_3)["arrays"]
     now = estimator.state()["arrays"]
-    assert set(now) - set(arrays) == {"kept", "kept_root", "trial", "hold"}
+    assert set(now) - set(arrays) == {"kept", "kept_root", "trial", "hold", "noise"}
     assert set(arrays) <= set(now)
     for name in set(arrays) - {"moments"}:
         np.testing.assert_array_equal(now[name], arrays[name], err_msg=name)
@@ -226,8 +226,8 @@ def test_an_unsound_array_is_refused_and_not_saved(name):
 
 
 def test_each_array_of_a_state_is_tried_above():
-    # kept_root is in a state only while a model is held: test_recovery.py tries it.
-    assert {*UNSOUND, "kept_root"} == {item.name for item in fields(Workspace)} - set(at.CONSTANTS)
+    # kept_root is used while a model is held only, noise beside a load: test_recovery.py and test_load.py try them.
+    assert {*UNSOUND, "kept_root", "noise"} == {item.name for item in fields(Workspace)} - set(at.CONSTANTS)
 
 
 @pytest.mark.parametrize("law", ["lms", "nlms", "rls"])

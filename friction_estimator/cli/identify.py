@@ -72,7 +72,7 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
     if not args.fit_only:
         summary["online"] = _online(session, fit, [args.law] if args.law else list(LAWS), args.freeze_after)
     _tell(output, summary)
-    loads.tell(output, result.loads, 14)
+    loads.tell(output, result.loads, session.quantities, 14)
     side_by_side.tell(output, result, session.quantities)
     if args.out:
         from friction_estimator.cli.results import write_results  # noqa: PLC0415 - drawing is loaded where asked for

@@ -57,7 +57,7 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
     result = judged(session, result)
     summary = summarise(session, result, SCHEMA)
     _tell(output, summary)
-    loads.tell(output, result.loads)
+    loads.tell(output, result.loads, session.quantities)
     _warn_of_contact(output, result)
     side_by_side.tell(output, result, session.quantities)
     if args.out:

@@ -97,7 +97,7 @@ def write_results(
         *provenance(words, [recording.path for recording in taken], result.config),
     ]
     scores = side_by_side.scores_of(result)
-    elsewhere = [*loads.section(result.loads), *_on_other_data(result, quantities)]
+    elsewhere = [*loads.section(result.loads, quantities), *_on_other_data(result, quantities)]
     page = replay_page(result, scores, summary, quantities, figures, elsewhere, details, fitted=fitted)
     write_page(folder / "report.html", page)
 

@@ -173,7 +173,7 @@ def _account(estimator: Estimator, curve: Curve | None, quantities: Quantities, 
         f"force unit ({quantities.force})": f"{config.unit_N:g}",
         "force unit is": "configured" if unit else "learned: chosen at first contact",
     }
-    values |= {f"load: {load.term}": load.text for load in estimator.loads}
+    values |= {f"load: {load.term}": load.text(quantities) for load in estimator.loads}
     if estimator.model.load.needs("acceleration"):
         values["predicted late by (s)"] = config.load.half_width
     return values | _learned_part(curve, quantities)

@@ -20,6 +20,7 @@ import numpy as np
 
 from friction_estimator.core.model.load import LOADS, LoadPart
 from friction_estimator.core.model.structure import Model
+from friction_estimator.core.quantities import Quantities
 from friction_estimator.core.sample import Floats
 
 LEAST_SIN2 = 0.005
@@ -57,13 +58,21 @@ class LearnedLoad:
     separated: bool
     reason: str
 
-    @property
-    def text(self) -> str:
+    def told(self, quantities: Quantities) -> tuple[str, str]:
+        """Return value and interval in words, in the reader's units; no interval where there is none.
+
+        >>> load = LearnedLoad("inertia", 2.0, "kg", (1.9, 2.1), True, "")
+        >>> load.told(Quantities())
+        ('2 kg', '[1.9, 2.1] kg')
+        """
+        unit = LOADS[self.term.partition(":")[0]].unit
+        ends = "" if self.ci95 is None else quantities.range_text(self.ci95, unit, ".5g")
+        return quantities.text(self.value, unit, ".5g").removesuffix(" 1"), ends.removesuffix(" 1")
+
+    def text(self, quantities: Quantities) -> str:
         """Value, unit and interval in words, or why there is none."""
-        words = f"{self.value:.5g} {self.unit}"
-        if self.ci95 is None:
-            return f"{words}: not separated, {self.reason}"
-        return f"{words}, 95 % interval [{self.ci95[0]:.5g}, {self.ci95[1]:.5g}]"
+        value, ends = self.told(quantities)
+        return f"{value}, 95 % interval {ends}" if ends else f"{value}: not separated, {self.reason}"
 
 
 def learned_loads(
