@@ -8,10 +8,10 @@ PYTEST_ARGS ?=
 # Workers of the suite: two at the most, since the ROS tests start processes of their own.
 WORKERS ?= $(shell n=$$(nproc 2>/dev/null || echo 1); echo $$((n < 2 ? n : 2)))
 
-.PHONY: demo test hard check format stale picture lock clean
+.PHONY: demo test hard check docs format stale picture lock clean
 
 demo: $(VENV)/.installed
-	$(BIN)/python -m friction_estimator.cli.demo --out demo_out
+	$(BIN)/python -m friction_estimator.cli.demo --out demo_out docs/generated
 
 test: $(VENV)/.installed
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup $(PYTEST_ARGS)
@@ -24,6 +24,11 @@ check: $(VENV)/.installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# The documentation as a site, from the pages and from the code: open build/docs/index.html.
+docs: $(VENV)/.installed
+	$(BIN)/python -m sphinx -W --keep-going -q -c docs . build/docs
+	@echo "built: build/docs/index.html"
 
 format: $(VENV)/.installed
 	$(BIN)/ruff check --fix .
@@ -52,4 +57,4 @@ lock:
 		--custom-compile-command "make lock" requirements.in -o requirements.lock
 
 clean:
-	rm -rf $(VENV) build install log demo_out
+	rm -rf $(VENV) build install log demo_out docs/generated

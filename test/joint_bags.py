@@ -48,7 +48,10 @@ def friction_of(velocity: Any) -> Any:
     return 2.0 * np.tanh(velocity / 0.02) * (0.7 + 0.3 * np.exp(-np.abs(velocity) / 0.1)) + 0.8 * velocity
 
 
-def robot(seconds: float = 20.0, rate_hz: float = 100.0, seed: int = 0) -> list[Message]:
+NAMES = ("arm/elbow", "stuck", "wrist ä", "parked", "blind", "tool")
+
+
+def robot(seconds: float = 20.0, rate_hz: float = 100.0, seed: int = 0, names: Sequence[str] = NAMES) -> list[Message]:
     """Return an arm of six joints as a user finds it: two move, two stand still, one lacks effort, one velocity.
 
     `arm/elbow` and `wrist ä` are sound, `stuck` and `parked` never move (the latter's encoder is noisy), `blind` has
@@ -56,7 +59,6 @@ def robot(seconds: float = 20.0, rate_hz: float = 100.0, seed: int = 0) -> list[
     """
     rng = np.random.default_rng(seed)
     t = np.arange(round(seconds * rate_hz)) / rate_hz
-    names = ("arm/elbow", "stuck", "wrist ä", "parked", "blind", "tool")
     velocity = np.zeros((t.size, 6))
     velocity[:, 0] = 1.2 * np.sin(2 * np.pi * 0.5 * t)
     velocity[:, 2] = 3.0 * np.sin(2 * np.pi * 0.4 * t)

@@ -1,8 +1,6 @@
 """`import`: a table becomes a recording, and the words say what was left out."""
 
 import json
-import shlex
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -90,46 +88,6 @@ def test_unlikely_units_are_doubted_on_stderr(tmp_path, table, capsys):
     words = ["--out", str(tmp_path / "bag"), "--time", "t_ms*1e-3", "--map", "velocity=v_mm_s,friction=F_N"]
     assert run(table, *words) == 0
     assert "warning: velocity reaches 50 m/s" in capsys.readouterr().err
-
-
-# The documented commands
-
-
-def documented():
-    page = (Path(__file__).parents[1] / "docs" / "import.md").read_text()
-    block = page.split("```sh\n")[1].split("```")[0]
-    return [line for line in block.splitlines() if line.startswith("friction_estimator import")]
-
-
-def tables(folder):
-    """Write the tables that the documented commands read."""
-    t = np.arange(2000) / 1000.0
-    position, velocity, friction = 0.02 * np.sin(6 * t), 0.12 * np.cos(6 * t), 5.0 * np.sign(np.cos(6 * t))
-    columns = {"t_ms": 1e3 * t, "v_mm_s": 1e3 * velocity, "F_N": friction, "p_bar": 3.0 + t}
-    pd.DataFrame(columns).to_csv(folder / "rig.csv", index=False)
-    q = np.degrees(np.round(position * 1000 * 4096) / 4096)
-    acceleration = -0.72 * 1000 * np.sin(6 * t)
-    effort = friction + 0.0189 * acceleration + 1.2 * np.sin(np.radians(q))
-    pd.DataFrame({"t": t, "q": q, "acc": acceleration, "tau": effort}).to_csv(folder / "arm.csv", index=False)
-    german = pd.DataFrame({"Zeit [ms]": 1e3 * t, "Weg [mm]": 1e3 * position, "Kraft (kN)": 1e-3 * friction})
-    german.to_csv(folder / "axis.csv", index=False, sep=";", decimal=",", encoding="cp1252")
-    return {"rig.csv": (velocity, friction), "arm.csv": (1000 * velocity, friction), "axis.csv": (velocity, friction)}
-
-
-@pytest.mark.parametrize("command", documented())
-def test_a_documented_command_does_what_it_says(tmp_path, monkeypatch, command):
-    true = tables(tmp_path)
-    monkeypatch.chdir(tmp_path)
-    words = shlex.split(command)
-    assert main(words[1:]) == 0
-    velocity, friction = true[words[2]]
-    admitted = to_samples(read_recording(words[words.index("--out") + 1]), Config()).samples
-    every = 2 if "--rate" in words else 1
-    assert len(admitted) == 2000 // every
-    middle = slice(100 // every, -100 // every)
-    np.testing.assert_allclose(admitted.velocity_m_s[middle], velocity[::every][middle], atol=0.01 * velocity.max())
-    if every == 1:
-        np.testing.assert_allclose(admitted.friction_N, friction, atol=0.01)
 
 
 @pytest.mark.parametrize("name", ["rig.csv", "rig.npz", "rig.mat", "rig.parquet"])

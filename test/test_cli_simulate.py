@@ -1,11 +1,11 @@
 """The verb `simulate`: what it writes, what it says, how it refuses; and the example recordings it made."""
 
 import json
-import shlex
 from pathlib import Path
 
 import numpy as np
 import pytest
+from documented import commands
 
 from friction_estimator.bag.read import read_recording
 from friction_estimator.bag.samples import to_samples
@@ -189,9 +189,8 @@ def test_a_configuration_without_learned_values_sets_the_theory(tmp_path, capsys
 
 def example_commands():
     """The commands that bags/README.md states, by recording."""
-    lines = (BAGS / "README.md").read_text(encoding="utf-8").splitlines()
-    commands = [shlex.split(line) for line in lines if line.startswith("friction_estimator simulate --out")]
-    return {Path(words[3]).name: words[4:] for words in commands}
+    stated = [command.words for command in commands("bags/README.md")]
+    return {Path(words[2]).name: words[3:] for words in stated if words[:2] == ["simulate", "--out"]}
 
 
 @pytest.mark.parametrize("name", [item.name for item in sorted(BAGS.iterdir()) if item.is_dir()])

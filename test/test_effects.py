@@ -1,6 +1,7 @@
 """Every effect of the catalogue, by its registry row: simulation, size, regressor, words."""
 
 import json
+import re
 from dataclasses import fields, replace
 from itertools import pairwise
 
@@ -13,6 +14,7 @@ from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.sample import Samples
 from friction_estimator.effects import EFFECTS, STAGES, Trace, compose, list_effects, parse_effect
 from friction_estimator.effects.base import Effect
+from friction_estimator.effects.catalogue import equation
 from friction_estimator.effects.columns import RunningForce
 from friction_estimator.effects.compose import FINE, relative_change
 from friction_estimator.effects.features import Context, FeatureMaker, Features
@@ -171,6 +173,8 @@ def test_row_is_complete(name: str) -> None:
     assert len(cls.words.what) > 20
     assert len(cls.words.where) > 20
     assert cls.size_key in ("", *(key.name for key in cls.keys))
+    stated = " ".join(equation(cls))
+    assert [key.name for key in cls.keys if not re.search(rf"\b{key.name}\b", stated)] in ([], ["form"])
     for key in cls.keys:
         assert key.low <= key.default <= key.high
         assert key.description

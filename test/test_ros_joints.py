@@ -11,6 +11,7 @@ pytest.importorskip("rclpy")
 
 import ros_graph
 from diagnostic_msgs.msg import DiagnosticArray
+from documented import blocks
 from geometry_msgs.msg import WrenchStamped
 from joint_bags import joint_state, write_joint_bag
 from rcl_interfaces.srv import ListParameters
@@ -192,7 +193,8 @@ def test_a_dump_of_several_joints_starts_the_next_node_warm(graph, tmp_path):
 
 def example():
     """Return the program of docs/joints.md."""
-    return (ros_graph.ROOT / "docs" / "joints.md").read_text().split("```python\n")[1].split("```")[0]
+    (program,) = (block.text for block in blocks("docs/joints.md") if block.language == "python")
+    return program
 
 
 def test_the_nodes_of_the_example_estimate_in_one_process(graph, tmp_path):

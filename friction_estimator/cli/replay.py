@@ -91,7 +91,7 @@ def judged(session: Session, result: Replay) -> Replay:
 
 
 def summarise(loaded: Described, result: Replay, schema: str) -> dict[str, Any]:
-    """Return the JSON of a replay (INTERFACE section 2)."""
+    """Return the JSON of a replay."""
     config = result.config
     return {
         "schema": schema,

@@ -19,7 +19,7 @@ def as_json(
     extended_model: str | None,
     quantities: Quantities,
 ) -> dict[str, Any]:
-    """Return the JSON of INTERFACE section 2.
+    """Return the JSON of a diagnosis.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from friction_estimator.core.errors import ConfigError
-from friction_estimator.core.quantities import Quantities, either
+from friction_estimator.core.quantities import either
 from friction_estimator.core.registry import Registry
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.columns import Columns
@@ -80,7 +80,8 @@ EVERYWHERE, REVERSAL, SLOW = "everywhere", "reversal", "slow"
 class Effect:
     """One cause of a difference between simulation and measurement.
 
-    Subclasses set the class attributes and override `apply`; those with a regressor also `grid` and `columns`.
+    Subclasses set the class attributes and override `apply`; those with a regressor also `grid` and `columns`. Their
+    docstring states the equation of `apply` under ``Formula::``.
 
     Parameters
     ----------
@@ -90,7 +91,7 @@ class Effect:
 
     Attributes
     ----------
-    name : id of the effect (INTERFACE section 3).
+    name : id of the effect: the catalogue's key, the name that `simulate --effect` takes.
     family : effects of one family are alternatives to each other rather than a second cause.
     stage : one of `STAGES`.
     keys : parameters of the simulation.
@@ -295,36 +296,6 @@ def parse_effect(text: str) -> Effect:
         except ValueError:
             raise ConfigError(f"effect {name}: size={size!r} is no number") from None
     return cls(size=size, **values)
-
-
-def list_effects(quantities: Quantities = Quantities()) -> list[dict[str, Any]]:  # noqa: B008 - frozen
-    """Return the catalogue as plain data: name, family, stage, keys with unit and range, words."""
-    worded = quantities.worded
-    return [
-        {
-            "name": cls.name,
-            "family": cls.family,
-            "stage": cls.stage,
-            "what": worded(cls.words.what),
-            "where": worded(cls.words.where),
-            "confused_with": {name: worded(text) for name, text in cls.words.confused_with.items()},
-            "needs_channel": cls.channel or None,
-            "keys": [
-                {
-                    "name": key.name,
-                    "unit": quantities.unit(key.unit),
-                    "default": key.default,
-                    "range": [key.low, key.high],
-                    "description": worded(key.description),
-                }
-                for key in (*cls.keys, SIZE)
-            ],
-        }
-        for cls in EFFECTS.values()
-    ]
-
-
-SIZE = Key("size", "", 0.04, 0.0, 1.0, "rms of the change over the rms of the clean friction; replaces the size key")
 
 
 def chosen(values: Iterable[float], name: str) -> list[dict[str, float]]:

@@ -36,7 +36,12 @@ NOISE_SHARE = 0.3
 
 @effect
 class WrappedPosition(Effect):
-    """The encoder shows the position modulo its span."""
+    """An encoder that shows the position modulo its span.
+
+    Formula::
+
+        x_shown = (x - zero + modulus / 2) mod modulus - modulus / 2
+    """
 
     name = "wrapped_position"
     family = "data"
@@ -105,7 +110,12 @@ def _unwrapped(shown: Floats, view: DataView, span: float) -> Floats:
 
 @effect
 class VelocityMismatch(Effect):
-    """Reported velocity is not the derivative of position."""
+    """A reported velocity that is not the derivative of the position.
+
+    Formula::
+
+        v_shown = (1 + gain) v
+    """
 
     name = "velocity_mismatch"
     family = "data"
@@ -183,7 +193,12 @@ def _weighted_median(values: Floats, weight: Floats) -> float:
 
 @effect
 class VelocityNoise(Effect):
-    """Errors in v."""
+    """Noise on the velocity channel.
+
+    Formula::
+
+        v_shown = v + deviation w,    w white, of unit variance
+    """
 
     name = "velocity_noise"
     family = "velocity"
@@ -238,7 +253,12 @@ class VelocityNoise(Effect):
 
 @effect
 class PressureNoise(Effect):
-    """Errors in p."""
+    """Noise on the pressure channel.
+
+    Formula::
+
+        p_shown = p + deviation w,    w white, of unit variance
+    """
 
     name = "pressure_noise"
     family = "pressure_channel"

@@ -19,7 +19,14 @@ from friction_estimator.effects.trace import Trace
 
 @effect
 class SensorDrift(Effect):
-    """b(t) slow."""
+    """A zero of the force sensor that moves slowly.
+
+    Formula::
+
+        f = F + total t / T
+
+    T is the length of the recording.
+    """
 
     name = "sensor_drift"
     family = "slow_bias"
@@ -72,7 +79,12 @@ class SensorDrift(Effect):
 
 @effect
 class ViscosityDrift(Effect):
-    """Oil warms, the viscous part falls."""
+    """Oil that warms up: its viscosity, and with it the viscous part of friction, falls.
+
+    Formula::
+
+        f = F(v; viscosity (1 - drop (1 - exp(-t / time_constant))))
+    """
 
     name = "viscosity_drift"
     family = "slow_gain"
@@ -148,7 +160,12 @@ class ViscosityDrift(Effect):
 
 @effect
 class Wear(Effect):
-    """Boundary level changes with distance run."""
+    """A contact that wears or runs in: the boundary (Coulomb) level changes with the distance s run.
+
+    Formula::
+
+        f = F(v; mu_b (1 + change (1 - exp(-s / length))))
+    """
 
     name = "wear"
     family = "slow_gain"

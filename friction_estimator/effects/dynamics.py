@@ -18,7 +18,12 @@ from friction_estimator.effects.trace import Trace
 
 @effect
 class Inertia(Effect):
-    """m a on the load cell."""
+    """A mass between the force sensor and the friction.
+
+    Formula::
+
+        f = F + mass a
+    """
 
     name = "inertia"
     family = "inertia"
@@ -61,7 +66,14 @@ class Inertia(Effect):
 
 @effect
 class SideSpring(Effect):
-    """k x."""
+    """Something elastic beside the friction.
+
+    Formula::
+
+        f = F + stiffness (x - x0)
+
+    x0 is the middle of the stroke.
+    """
 
     name = "side_spring"
     family = "spring"
@@ -138,7 +150,12 @@ class SideSpring(Effect):
 
 @effect
 class ViscoelasticRelaxation(Effect):
-    """Maxwell element z' = v - z / tau."""
+    """A Maxwell element beside the friction: a spring in series with a damper.
+
+    Formula::
+
+        f = F + stiffness z,    dz/dt = v - z / time_constant
+    """
 
     name = "viscoelastic_relaxation"
     family = "spring"

@@ -19,7 +19,12 @@ from friction_estimator.effects.trace import Trace
 
 @effect
 class SqueezeFilm(Effect):
-    """-A a / (1 + (v / v_f)^2)."""
+    """A film that is squeezed out and drawn in late.
+
+    Formula::
+
+        f = F - amplitude a / (1 + (v / speed)^2)
+    """
 
     name = "squeeze_film"
     family = "film"
@@ -98,7 +103,14 @@ def _gaussian(ratio: Floats) -> Floats:
 
 @effect
 class FrictionalLag(Effect):
-    """The Stribeck part follows a lagged speed."""
+    """A film that follows an earlier speed.
+
+    Formula::
+
+        f = F(v; film of speed u),    lag du/dt = |v| - u
+
+    Source: Hess and Soom, J. Tribology 112 (1990) 147.
+    """
 
     name = "frictional_lag"
     family = "film"

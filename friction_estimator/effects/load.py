@@ -31,7 +31,14 @@ def _turns(context: Context) -> bool:
 
 @effect
 class Gravity(Effect):
-    """m g l sin(q - q0)."""
+    """The weight of what a joint turns.
+
+    Formula::
+
+        f = F + torque sin(q - angle)
+
+    q is the position in rad, and torque is mass times g times lever.
+    """
 
     name = "gravity"
     family = "spring"
@@ -78,7 +85,14 @@ class Gravity(Effect):
 
 @effect
 class LoadDependence(Effect):
-    """Friction that grows with |load|: mu |sin(q - q0)| S."""
+    """Friction that grows with the load that a gear or bearing carries.
+
+    Formula::
+
+        f = F + friction |sin(q - angle)| S(v)
+
+    S is a smooth sign of the velocity and q the position in rad.
+    """
 
     name = "load_dependence"
     family = "load"

@@ -16,7 +16,12 @@ from friction_estimator.effects.trace import Trace
 
 @effect
 class PositionDependence(Effect):
-    """F m(x) or a force m(x)."""
+    """Friction that depends on the place.
+
+    Formula::
+
+        f = F + amplitude cos(2 pi x / wavelength + phase)
+    """
 
     name = "position_dependence"
     family = "position"
@@ -108,7 +113,12 @@ class PositionDependence(Effect):
 
 @effect
 class PeriodicDisturbance(Effect):
-    """sin(2 pi f t), not locked to the drive."""
+    """A wave of a frequency of its own, not locked to the drive.
+
+    Formula::
+
+        f = F + amplitude sin(2 pi frequency t + phase)
+    """
 
     name = "periodic_disturbance"
     family = "periodic"

@@ -44,7 +44,14 @@ def relative_level(features: Features, reference: Reference) -> Floats:
 
 @effect
 class Breakaway(Effect):
-    """A(dwell) sgn(v) exp(-d_rev / L), A > 0."""
+    """A contact that sticks while it rests.
+
+    Formula::
+
+        f = F + amplitude sgn(v) sqrt(dwell / 0.1 s) exp(-s / length)
+
+    dwell is the time spent below rest_speed before the reversal, s the distance run since it.
+    """
 
     name = "breakaway"
     family = "reversal"
@@ -126,7 +133,14 @@ class Breakaway(Effect):
 
 @effect
 class Presliding(Effect):
-    """Bristle dz = v - c |v| z."""
+    """A contact that bends like bristles before it slides.
+
+    Formula::
+
+        f = F + amplitude (z - sgn v),    dz/dt = (v - |v| z) / length
+
+    After a reversal z - sgn v = -2 sgn(v) exp(-s / length), s the distance run since it. Source: Dahl 1968.
+    """
 
     name = "presliding"
     family = "reversal"
@@ -215,7 +229,14 @@ class Presliding(Effect):
 
 @effect
 class Backlash(Effect):
-    """The seal stands while the gap is open."""
+    """Play between the drive and what rubs, which stands until the play is used up.
+
+    Formula::
+
+        f = F - (F + drag sgn v) 1(s < gap)
+
+    s is the distance run since the reversal.
+    """
 
     name = "backlash"
     family = "reversal"
@@ -283,7 +304,14 @@ class Backlash(Effect):
 
 @effect
 class StickSlip(Effect):
-    """Random-phase burst after each reversal."""
+    """A contact that chatters after each reversal, each time with another phase.
+
+    Formula::
+
+        f = F + amplitude sin(2 pi frequency t + phase) exp(-t / decay)
+
+    t is the time since the reversal.
+    """
 
     name = "stick_slip"
     family = "variance"

@@ -32,7 +32,12 @@ CUT = 1.0 / 6.0
 
 @effect
 class SensorBias(Effect):
-    """f + b."""
+    """A constant in the force channel.
+
+    Formula::
+
+        f = F + bias
+    """
 
     name = "sensor_bias"
     family = "bias"
@@ -75,7 +80,12 @@ LEAST_CUT = 0.25
 
 @effect
 class Saturation(Effect):
-    """Clipped at +-level."""
+    """A force channel that clips.
+
+    Formula::
+
+        f = F held within [-level, level]
+    """
 
     name = "saturation"
     family = "range"
@@ -166,7 +176,12 @@ class Saturation(Effect):
 
 @effect
 class Quantization(Effect):
-    """Values on a lattice."""
+    """A force channel with coarse steps.
+
+    Formula::
+
+        f = step round(F / step)
+    """
 
     name = "quantization"
     family = "resolution"

@@ -31,7 +31,14 @@ FEWEST_SPIKES = 4
 
 @effect
 class Dropout(Effect):
-    """Held values."""
+    """Samples that are lost, while the last value is held.
+
+    Formula::
+
+        f[k] = F[j],    j the last sample before the dropout
+
+    A share `fraction` of the samples lies in dropouts of `length` samples.
+    """
 
     name = "dropout"
     family = "transport"
@@ -120,7 +127,12 @@ class Dropout(Effect):
 
 @effect
 class Outliers(Effect):
-    """Spikes."""
+    """Spikes of single samples.
+
+    Formula::
+
+        f[k] = F[k] + amplitude (+1 or -1)    at a share `fraction` of the samples
+    """
 
     name = "outliers"
     family = "spikes"

@@ -35,7 +35,12 @@ FEWEST = 3
 
 @effect
 class ClockJump(Effect):
-    """The clock jumps."""
+    """A clock that is set while recording.
+
+    Formula::
+
+        stamp(t) = t + jump 1(t >= at)
+    """
 
     name = "clock_jump"
     family = "data"
@@ -104,7 +109,12 @@ def _whole_periods(gap_s: float, period_s: float, step_s: float) -> bool:
 
 @effect
 class DuplicateStamps(Effect):
-    """Stamps repeat."""
+    """Messages that carry the stamp of the one before.
+
+    Formula::
+
+        stamp[k] = t[k-1]    at a share `fraction` of the samples
+    """
 
     name = "duplicate_stamps"
     family = "data"
@@ -145,7 +155,12 @@ class DuplicateStamps(Effect):
 
 @effect
 class StampOffset(Effect):
-    """Force and velocity are stamped by clocks that differ."""
+    """Two clocks: force and velocity are stamped by different ones.
+
+    Formula::
+
+        stamp_force(t) = t + offset
+    """
 
     name = "stamp_offset"
     family = "data"

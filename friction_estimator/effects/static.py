@@ -19,7 +19,12 @@ SIGN_SHARE = 60.0
 
 @effect
 class DirectionAsymmetry(Effect):
-    """F(+v) differs from -F(-v)."""
+    """Friction that differs between the directions.
+
+    Formula::
+
+        f = F (1 + asymmetry / 2 sgn v)
+    """
 
     name = "direction_asymmetry"
     family = "bias"
@@ -91,7 +96,14 @@ class DirectionAsymmetry(Effect):
 
 @effect
 class PressureDependence(Effect):
-    """(p - pm) (alpha v + beta S) + kappa (p - pm)^2 S."""
+    """Friction that follows the pressure in another way than the theory.
+
+    Formula::
+
+        f = F + (p - pm) (boundary S(v) + viscous v) + curvature (p - pm)^2 S(v)
+
+    S is a smooth sign of the velocity and pm the mean pressure.
+    """
 
     name = "pressure_dependence"
     family = "pressure"

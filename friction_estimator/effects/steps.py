@@ -64,7 +64,12 @@ class Step(Effect):
 
 @effect
 class BiasStep(Step):
-    """b 1(t > t0)."""
+    """A zero of the force sensor that jumps.
+
+    Formula::
+
+        f = F + step 1(t >= at)
+    """
 
     name = "bias_step"
     family = "slow_bias"
@@ -96,7 +101,12 @@ class BiasStep(Step):
 
 @effect
 class GainStep(Step):
-    """F (1 + g 1(t > t0))."""
+    """Friction that jumps as a whole.
+
+    Formula::
+
+        f = F (1 + step 1(t >= at))
+    """
 
     name = "gain_step"
     family = "gain"

@@ -44,7 +44,12 @@ class Timing(Effect):
 
 @effect
 class TimeDelay(Timing):
-    """f(t - D)."""
+    """A force channel that is late.
+
+    Formula::
+
+        f(t) = F(t - delay)
+    """
 
     name = "time_delay"
     keys = (Key("delay", "s", 1e-3, 0.0, 1.0, "delay of the {force} behind the velocity"),)
@@ -104,7 +109,12 @@ class TimeDelay(Timing):
 
 @effect
 class SensorLowpass(Timing):
-    """Low-pass filtered force."""
+    """A force channel behind a first-order filter.
+
+    Formula::
+
+        time_constant df/dt = F - f
+    """
 
     name = "sensor_lowpass"
     keys = (
@@ -182,7 +192,12 @@ def lagged_force(force: Floats, step_s: float, tau: float) -> Floats:
 
 @effect
 class VelocityDelay(Timing):
-    """v(t - D): the force is ahead of the velocity."""
+    """A velocity channel that is late: the force is ahead of it.
+
+    Formula::
+
+        v_shown(t) = v(t - delay)
+    """
 
     name = "velocity_delay"
     keys = (

@@ -202,7 +202,7 @@ class Replay:
         return Judged(name, samples, predicted, frozen_score(samples, predicted, theory, scored, self.baseline_curves))
 
     def figures(self) -> dict[str, Any]:
-        """Return the figures of merit of `replay --json` (INTERFACE names)."""
+        """Return the figures of merit of `replay --json`, under its names."""
         measured, predicted = self.samples.friction_N, self.predicted_N
         last = slice(len(self.samples) - max(2, len(self.samples) // 5), None)
         final = metrics.nrmse(measured[last], predicted[last])
