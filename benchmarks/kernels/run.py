@@ -119,6 +119,7 @@ def main() -> None:
 
     size = compiled.model.basis.size
     lines = [
+        "# What a sample costs\n",
         provenance.line("python benchmarks/kernels/run.py"),
         "| loop | us a sample | plain numpy over it | numpy with kept rows over it |",
         "| --- | --- | --- | --- |",

@@ -137,6 +137,7 @@ def main() -> int:
             print(seed, *results[-1], flush=True)
     command = f"python benchmarks/robustness/run.py --configurations {args.configurations} --samples {args.samples}"
     lines = [
+        "# Random configurations on hostile data\n",
         provenance.line(command),
         f"{args.configurations} configurations, {args.samples} samples each\n",
         "| law | runs | faults | nrmse median | nrmse worst | norm of parameters, worst |",
