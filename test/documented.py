@@ -52,7 +52,7 @@ class Command:
     @property
     def words(self) -> list[str]:
         """The words of a command of ours that asks nothing of the shell, without the program; empty for others."""
-        words = shlex.split(self.text, comments=True)
+        words = shlex.split(self.text.replace("\\\n", " "), comments=True)
         return words[1:] if _PLAIN.fullmatch(shlex.join(words).replace("'", "")) else []
 
 

@@ -37,7 +37,6 @@ EXEMPT = {
     r"rosbags-convert ": "would write over the recordings that the project ships",
     r"friction_estimator reproduce\b": f"{WHOLE}: test_reproduce.py",
     r"friction_estimator watch --": "a second view of the same node: test_watch.py",
-    r"ssh ": "needs a second machine",
     r"friction_estimator simulate --out build/": "makes bags/ again: test_cli_simulate.py compares the samples",
 }
 """Beginning of a command, as a pattern -> why it is not run."""
@@ -122,27 +121,26 @@ def clean_copy(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def environment(tmp_path: Path) -> Iterator[dict[str, str]]:
-    """Return the environment of an activated one, on a ROS graph of its own."""
+def environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Have the environment of an activated one, on a ROS graph of its own."""
     programs = tmp_path / "bin"
     programs.mkdir()
-    modules = {"friction_estimator": "friction_estimator", "estimator_node": "friction_estimator.ros.node"}
-    for name, module in modules.items():
-        (programs / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" -m {module} "$@"\n')
+    modules = {"friction_estimator": "-m friction_estimator", "estimator_node": "-m friction_estimator.ros.node"}
+    for name, module in {**modules, "python": ""}.items():
+        (programs / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" {module} "$@"\n')
         (programs / name).chmod(0o755)
-    (programs / "python").symlink_to(sys.executable)
     with ros_graph.reserved_domain() as domain:
-        yield os.environ | {
-            "PATH": f"{programs}:{os.environ['PATH']}",
-            "PYTHONPATH": str(ROOT),
-            "ROS_DOMAIN_ID": str(domain),
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-            "ROS_LOG_DIR": str(tmp_path / "ros_log"),
-        }
+        monkeypatch.setenv("PATH", f"{programs}:{os.environ['PATH']}")
+        monkeypatch.setenv("PYTHONPATH", str(ROOT))
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))
+        yield
 
 
+@pytest.mark.usefixtures("environment")
 @pytest.mark.parametrize("page", parameters())
-def test_the_commands_of_a_page_do_what_it_says(page, clean_copy, environment, tmp_path, monkeypatch, capfd):
+def test_the_commands_of_a_page_do_what_it_says(page, clean_copy, tmp_path, monkeypatch, capfd):
     SUPPLIED.get(page, lambda _: None)(clean_copy)
     monkeypatch.chdir(clean_copy)
     living: list[ros_graph.Process] = []
@@ -152,9 +150,11 @@ def test_the_commands_of_a_page_do_what_it_says(page, clean_copy, environment, t
                 continue
             if lives(command):
                 log = tmp_path / f"{number}.log"
-                living.append(ros_graph.Process(["bash", "-c", f"exec {command.text}"], environment, log))
+                process = ros_graph.Process(["bash", "-c", f"exec {command.text}"], dict(os.environ), log)
+                living.append(process)
+                ros_graph.await_(process.output, f"a word of: {command}")
                 continue
-            printed = run(command, environment, capfd)
+            printed = run(command, capfd)
             assert not missing(command.output, printed), f"{command}\n{printed}"
         CHECKED.get(page, lambda _: None)(clean_copy)
         for process in living:
@@ -164,7 +164,7 @@ def test_the_commands_of_a_page_do_what_it_says(page, clean_copy, environment, t
     assert not any(codes), [process.output() for process in living]
 
 
-def run(command: Command, environment: dict[str, str], capfd: pytest.CaptureFixture[str]) -> str:
+def run(command: Command, capfd: pytest.CaptureFixture[str]) -> str:
     """Run a command to its end and return what it printed; fails where its exit code is not 0."""
     if command.words:  # in this process: the imports of a verb take longer than most of its work here
         capfd.readouterr()
@@ -173,7 +173,6 @@ def run(command: Command, environment: dict[str, str], capfd: pytest.CaptureFixt
     else:
         done = subprocess.run(
             ["bash", "-ec", command.text],
-            env=environment,
             capture_output=True,
             text=True,
             timeout=LIMIT_S,
@@ -200,6 +199,16 @@ def test_commands_stand_in_blocks_of_shell(page):
         if block.language != "sh":
             lost = [line for line in block.text.splitlines() if begins.match(line)]
             assert not lost, f"{page}:{block.line}"
+
+
+def test_the_tables_of_the_tutorial_are_what_their_script_makes(tmp_path):
+    """To the last digit but one: the last bit of a sine is the processor's."""
+    subprocess.run([sys.executable, str(ROOT / "docs/tutorial/make_tables.py"), str(tmp_path)], check=True)
+    for kept in sorted((ROOT / "docs/tutorial").glob("*.csv")):
+        shipped, made = pd.read_csv(kept), pd.read_csv(tmp_path / kept.name)
+        assert list(shipped) == list(made)
+        np.testing.assert_allclose(shipped, made, atol=0.0101)
+        assert kept.stat().st_size < 250_000
 
 
 def test_every_exemption_is_of_a_command_that_is_there():

@@ -23,13 +23,12 @@ def markdown(folder: Path, address: str) -> str:
     """Return the catalogue, an overview and one section an effect, and draw the pictures into `folder`/effects."""
     pictures = folder / "effects"
     pictures.mkdir(exist_ok=True)
+    ordered = sorted(EFFECTS.values(), key=lambda cls: STAGES.index(cls.stage))
     parts = ["| effect | what is true |", "| --- | --- |"]
-    parts += [
-        f"| [{plain(cls.name)}](#effect-{cls.name}) | {_words(cls, cls.words.what)} |" for cls in EFFECTS.values()
-    ]
+    parts += [f"| [{plain(cls.name)}](#effect-{cls.name}) | {_words(cls, cls.words.what)} |" for cls in ordered]
     for stage in STAGES:
         parts += ["", f"## {TITLES[stage]}", ""]
-        for cls in EFFECTS.values():
+        for cls in ordered:
             if cls.stage == stage:
                 parts += _section(cls, effect_pictures.draw(cls, pictures), address)
     return "\n".join(parts)
@@ -42,9 +41,15 @@ def plain(name: str) -> str:
 
 def _section(cls: type[Effect], picture: Path, address: str) -> list[str]:
     formula, rest = equation(cls)
-    summary = (cls.__doc__ or "").splitlines()[0]
     parts = [f"(effect-{cls.name})=", f"### {plain(cls.name).capitalize()}", ""]
-    parts += [f"`{cls.name}`: {_words(cls, cls.words.what)}.", "", summary, "", "```text", formula, "```", ""]
+    parts += [
+        f"{_sentence(_words(cls, cls.words.what))} As an option: `--effect {cls.name}`",
+        "",
+        "```text",
+        formula,
+        "```",
+        "",
+    ]
     parts += [rest, ""] if rest else []
     parts += [f"![{plain(cls.name)}: signal and residual]({address}/effects/{picture.name})", ""]
     parts += [f"**How to see it.** {_sentence(_words(cls, cls.words.where))}"]

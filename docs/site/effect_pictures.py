@@ -112,12 +112,12 @@ def _signal(axes: Axes, shown: Shown) -> None:
             axes.plot(time[part], up(without[part]), color=style.MEASURED, lw=2.0, label="without")
             axes.plot(time[part], up(with_it[part]), color=style.PREDICTED, lw=0.9, label="with")
             axes.set(xlabel="time (s)", ylabel=up.label)
-            axes.legend(loc="lower right", fontsize=7, ncols=2)
+            axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), fontsize=7, ncols=2)
             return
     axes.plot(time[1:], 1e3 * np.diff(before.friction_stamp_ns) * 1e-9, color=style.MEASURED, lw=2.0, label="without")
     axes.plot(time[1:], 1e3 * np.diff(after.friction_stamp_ns) * 1e-9, color=style.PREDICTED, lw=0.9, label="with")
     axes.set(xlabel="time (s)", ylabel="step between stamps (ms)")
-    axes.legend(loc="upper right", fontsize=7)
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), fontsize=7, ncols=2)
 
 
 def _excerpt(shown: Shown, without: Floats, with_it: Floats) -> slice:

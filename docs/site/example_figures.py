@@ -1,4 +1,4 @@
-"""Good and bad figures side by side, drawn from the recordings that ship with the project."""
+"""Good and bad figures, drawn from the recordings that ship with the project."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -48,14 +48,15 @@ DRAWN: dict[str, Callable[[Replay], Figure]] = {
 
 
 def markdown(folder: Path, address: str, name: str) -> str:
-    """Draw a figure of both runs into `folder`/figures; return them side by side."""
+    """Draw a figure of both runs into `folder`/figures; return the good one and the bad one."""
     drawn = folder / "figures"
     drawn.mkdir(exist_ok=True)
-    parts = ["::::{div} good-bad"]
+    parts = []
     for kind, run in zip(("good", "bad"), PAIRS[name], strict=True):
         path = style.save(DRAWN[name](_replayed(run)), drawn, f"{name}_{kind}")
-        parts += [f":::{{figure}} {address}/figures/{path.name}", f":alt: {name}, {kind}", "", kind.capitalize(), ":::"]
-    return "\n".join([*parts, "::::"])
+        caption = f"{kind.capitalize()}: bags/{run.bag}{''.join(f', {key} {value}' for key, value in run.settings)}"
+        parts += [f"```{{figure}} {address}/figures/{path.name}", f":alt: {name}, {kind}", "", caption, "```", ""]
+    return "\n".join(parts)
 
 
 def diagnosis(folder: Path, address: str) -> str:

@@ -23,7 +23,7 @@ RATE_HZ = 200.0
 
 DAYS = {
     "monday": ("4:0:16,2:0:12,1:0:6", 0.020, 11),
-    "tuesday": ("3:0:12:triangle,1.5:0:9:crank", 0.028, 12),
+    "tuesday": ("3:0:12:triangle,1:0:8:crank", 0.016, 12),
 }
 """Table -> schedule, half stroke in m, seed of the noise."""
 

@@ -37,6 +37,9 @@ LEAST_SAMPLES = 200
 FOLDS, PERIODS = 4, 10
 """Parts of the record that a load is judged on in turn, fitted to the others; parts that are compared for change."""
 
+LEAST_TURN = 1.0
+"""Range of the position, rad, below which gravity cannot be told from a spring and a constant."""
+
 SMOOTH_SHARE = 0.02
 """Of the top speed: width of the smooth sign beside which a load is sought."""
 
@@ -247,7 +250,10 @@ def _load(judged: Judgement, within: Bools, left: float) -> Shortcoming | None:
     smooth = np.tanh(velocity / (SMOOTH_SHARE * judged.top_speed_m_s))
     parts = {"friction": np.column_stack([smooth, velocity, np.ones(velocity.size)])}
     motion = _motion(samples)
+    turned = 0.0 if samples.position_m is None else float(np.ptp(motion.position_m))
     for name, load in LOADS.items():
+        if name == "gravity" and turned < LEAST_TURN:
+            continue
         is_known = samples.position_m is not None or load.needs != "position"
         if name == "constant" or name in judged.has_loads or not is_known:
             continue
