@@ -32,7 +32,8 @@ WHOLE = "takes minutes, and is run whole by another test"
 EXEMPT = {
     r"make demo\b": f"{WHOLE}: test_demo.py",
     r"make (test|hard|check|docs|stale|lock|picture|format)\b": "runs the whole of what it names; .ci/run does",
-    r"\.ci/run|\.venv/|git |pip |uv |\. \.venv|\. install|source |cd |sudo |python3? -m (venv|pip)": "sets up the machine",
+    r"\.ci/run": "runs the whole suite in an environment of its own",
+    r"(git|pip|sudo|cd|\.|\.venv/bin/\w+|python3 -m venv) ": "sets up the machine",
     r"ros2 |rosdep |colcon ": NATIVE,
     r"rosbags-convert ": "would write over the recordings that the project ships",
     r"friction_estimator reproduce\b": f"{WHOLE}: test_reproduce.py",
