@@ -303,7 +303,7 @@ def test_a_state_keeps_the_load_and_one_from_before_is_one_without():
     Estimator(given).restore(without)
     for value in (-1.0, np.nan):
         unsound = one.state()
-        unsound["arrays"]["noise"][0] = value
+        unsound["arrays"]["noise"][0, 0] = value
         with pytest.raises(ConfigError, match="state array noise"):
             two.restore(unsound)
 

@@ -172,7 +172,7 @@ def cold_start(model: Model, prior: Prior, metric: Floats, covariance: bool, con
         ring_theory=np.zeros(max(1, theory_taps)),
         root=arrays["prior_root"].copy(),
         prior=metric,
-        noise=np.zeros(model.load.size),
+        noise=np.zeros((model.load.size, 2)),
         owed=np.zeros(model.size if covariance else 0),
         law=constants,
         moments=at.cold_moments(),

@@ -17,6 +17,7 @@ from friction_estimator.core.online.law_steps import (
     learn_lms,
     learn_nlms,
     learn_rls,
+    mistaken,
     project,
     pull,
     without_noise,
@@ -138,7 +139,7 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     projected = np.zeros(n)
     gain = np.zeros(n)
     settled = shape[TAPS] - 1
-    last = noise.size - 1
+    last = noise.shape[0] - 1
     follows = known.shape[1] > 0
     for k in range(target.size):
         begins = restart[k] or status[at.SEEN] == 0
@@ -233,21 +234,22 @@ def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
             )  # fmt: skip
             if hold[at.HOLDING] == 0.0:
                 continue
-        elif (law_number == NLMS or law[at.LEAST_LEVERAGE] > 0.0) and alarming(
-            hold, kept, theta, owed, errors, moments, velocity[k], cell[k], error, open_variance, law
-        ):
-            hold[at.HELD_SINCE] = 0.0
-            begin_hold(
-                hold, kept, kept_root, trial, theta, owed, errors, moments, status, root, prior_root, mean, error
-            )
-            continue
+        elif law_number == NLMS or law[at.LEAST_LEVERAGE] > 0.0:
+            if law_number == RLS and error * error > variance:
+                open_variance += mistaken(shape, root, noise, x, gain)
+            if alarming(hold, kept, theta, owed, errors, moments, velocity[k], cell[k], error, open_variance, law):
+                hold[at.HELD_SINCE] = 0.0
+                begin_hold(
+                    hold, kept, kept_root, trial, theta, owed, errors, moments, status, root, prior_root, mean, error
+                )
+                continue
         if law_number == NLMS:
             learn_nlms(shape, theta, ring, law, status, prior, x, clipped, gain)
             continue
         if LEAST_EXCITATION < r < LARGEST_EXCITATION:
             w = learn_rls(shape, theta, ring, law, moments, status, root, x, error, clipped, projected, r, gain)
-            for load in range(noise.size):
-                noise[load] += w * column_noise[k, load]
+            for load in range(noise.shape[0]):
+                noise[load, 0] += w * column_noise[k, load]
         status[at.UNPULLED] += 1
         if status[at.UNPULLED] >= PULL_EVERY:
             status[at.UNPULLED] = 0

@@ -204,9 +204,9 @@ def without_noise(shape, theta, root, prior_root, noise, status, gain):  # type:
     """
     n = root.shape[0]
     start = n - shape[EXTENSIONS]
-    for load in range(noise.size):
-        seeming = noise[load]
-        noise[load] = 0.0
+    for load in range(noise.shape[0]):
+        seeming = noise[load, 0]
+        noise[load, 0] = 0.0
         if not seeming > 0.0:
             continue
         row = root[start + load]
@@ -221,6 +221,7 @@ def without_noise(shape, theta, root, prior_root, noise, status, gain):  # type:
             if rise * gain[i] * gain[i] > room:
                 rise = room / (gain[i] * gain[i])
                 known = False
+        noise[load, 1] = 0.0 if known else 1.0
         if known:
             _step_along(theta, gain, seeming / (1.0 - seeming * r) * theta[start + load], status)
         gamma = (np.sqrt(1.0 + rise * r) - 1.0) / r
@@ -230,6 +231,26 @@ def without_noise(shape, theta, root, prior_root, noise, status, gain):  # type:
                     root[i, j] += gamma * gain[i] * row[j]
         for j in range(n):
             row[j] *= 1.0 + gamma * r
+
+
+@njit(cache=True)
+def mistaken(shape, root, noise, x, direction):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return the variance of a prediction where a load of which nothing is known may be a force unit off.
+
+    What least squares took for another load or for friction stands in the direction b = P e_j / P_jj: the prediction
+    is off by x' b as soon as the drive tells them apart.
+    """
+    start = root.shape[0] - shape[EXTENSIONS]
+    total = 0.0
+    for load in range(noise.shape[0]):
+        if noise[load, 1] == 0.0:
+            continue
+        row = root[start + load]
+        for i in range(root.shape[0]):
+            direction[i] = _dot(root[i], row)
+        off = _dot(x, direction) / _dot(row, row)
+        total += off * off
+    return total
 
 
 @njit(cache=True)

@@ -49,8 +49,8 @@ class Workspace:
     root : (n, n), square root S of the covariance P = S S' over the residual variance (rls), else (0, 0).
     prior : (n,), the metric of nlms, else (0,).
     mean : (n,), information, prior_root : (n, n), of the prior over the residual variance (rls), else empty.
-    noise : (loads,), of each column of the load the noise in it that the covariance took for excitation, to be taken
-        off again (rls).
+    noise : (loads, 2), of each column of the load the noise in it that the covariance took for excitation, to be taken
+        off again, and 1 where that was half of the column's own part or more: nothing is known of it (rls).
     owed : (n,), where the parameters stood over the prior's mean at the last alarm (rls), else (0,): a share
         `moments[OWED]` of it is still to be paid back.
     law : (6,), constants of the law.
