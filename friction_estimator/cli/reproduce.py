@@ -20,9 +20,9 @@ from friction_estimator.rig.drive import CONDITIONS
 
 SCHEMA = "friction_estimator/claims/1"
 
-FEW_SEEDS, PLAIN_SEEDS = 3, 5
+FEW_SEEDS, PLAIN_SEEDS = 3, 6
 """Recordings of each condition for the claim on orders, which takes six fits each, and for g learned elsewhere; and for
-what the paper's own basis changes.
+what the paper's own basis changes, where the share of seeds needs six of them to be told from one half.
 """
 
 PAPER_FIGURES, JUDGED_FIGURE = tuple(f"figure_{number}" for number in range(3, 7)), "figure_judged"

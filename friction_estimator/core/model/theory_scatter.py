@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
+from friction_estimator.core.banded import diagonal, differences, identity
 from friction_estimator.core.model.theory_table import Grid
 from friction_estimator.core.sample import Bools, Floats
 
@@ -150,15 +151,15 @@ def _fitted(axes: tuple[Floats, Floats, Floats], rows: Rows) -> NDArray[np.float
     penalty: Any = sparse.csr_array((size, size))
     for k, weight in enumerate((_ALONG_VELOCITY, _ALONG_CONDITIONS, _ALONG_CONDITIONS)):
         if shape[k] > 1:
-            parts: list[Any] = [sparse.eye_array(length) for length in shape]
-            along = sparse.diags_array([-1.0, 1.0], offsets=[0, 1], shape=(shape[k] - 1, shape[k])).tocsr()
+            parts: list[Any] = [identity(length) for length in shape]
+            along = differences(shape[k]).tocsr()
             parts[k] = along[~((axes[k][:-1] < 0.0) & (axes[k][1:] > 0.0))] if k == 0 else along  # it jumps at rest
             step: Any = sparse.kron(sparse.kron(parts[0], parts[1]), parts[2])
             penalty = penalty + weight * (step.T @ step)
     scale = float(np.abs(rows.friction_N).max()) or 1.0
     target, trust = rows.friction_N / scale, np.ones(n)
     for _ in range(1 + _PASSES):
-        weighted: Any = sparse.diags_array(trust) @ design
+        weighted: Any = diagonal(trust) @ design
         friction = np.asarray(spsolve(sparse.csc_array(weighted.T @ design + penalty), weighted.T @ target), np.float64)
         error = np.abs(target - design @ friction)
         deviation = 1.4826 * float(np.median(error))

@@ -5,9 +5,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_array, csr_array, diags_array, eye_array
+from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import splu
 
+from friction_estimator.core.banded import diagonal, identity
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.intake import standstill
 from friction_estimator.core.model.prior import Prior
@@ -142,8 +143,8 @@ def _edge_holder(before: Model, after: Model) -> Callable[[Floats], Floats]:
     held, at_edge = before.basis.rows(velocity)  # rows are held at the edge outside
     importance = 1.0 / np.where(before.basis.inside(velocity), WITHIN_DEVIATION, BEYOND_DEVIATION)
     scale = after.config.prior.weight_deviation * wide.prior_scale(after.config.prior.weight_slope)
-    columns = diags_array(importance) @ psi @ diags_array(scale)
-    solve = splu(csc_array(columns.T @ columns + eye_array(wide.size))).solve
+    columns = diagonal(importance) @ psi @ diagonal(scale)
+    solve = splu(csc_array(columns.T @ columns + identity(wide.size))).solve
 
     def hold(weights: Floats) -> Floats:
         larger = np.zeros(wide.size)

@@ -16,7 +16,8 @@ from friction_estimator.report.page.content import Chart
 from friction_estimator.report.reproduce_figures import TITLES, label
 from friction_estimator.rig.drive import CONDITIONS
 
-ROWS = 4_000
+ROWS, POINTS = 2_500, 201
+"""Rows of a chart over time, beside the cycles kept in full; velocities of a curve. The page has six of each."""
 
 INKS = {
     "lms 0.002": ("predicted", "dotted"),
@@ -82,7 +83,7 @@ def _draw_learned(study: Study, model: str, condition: str, q: Quantities) -> UI
     raw, whole = {}, {}
     for learner in (BATCH, *LEARNERS):
         parameters = study.outcomes[condition, 0, model, learner].parameters
-        v, g, d = static_curves(config, parameters, shown.samples)
+        v, g, d = static_curves(config, parameters, shown.samples, POINTS)
         if model == "parallel":
             raw[learner], whole[learner] = g, g + parameters.theory_taps.sum() * d
         else:
