@@ -11,7 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from friction_estimator.cli.common import to_json
 from friction_estimator.cli.main import main
+from friction_estimator.cli.reproduce import LAYOUT, SCHEMA, judge, plan_tasks, write
 from friction_estimator.core.fit.batch import predict
 from friction_estimator.core.fit.moments import gather
 from friction_estimator.core.metrics import nrmse
@@ -72,6 +74,12 @@ def test_verdict(cases):
     assert [below(geometric_mean(pair), 1.0) for pair in ([0.5, 0.5], [2.0, 2.0], [0.5, 2.0])] == [True, False, None]
 
 
+@pytest.fixture(scope="module")
+def found():
+    """What is found in the cost of one recording, by model."""
+    return {model: landscape.examine(SHORT, "b", model) for model in MODELS}
+
+
 EMPTY = Parameters(np.ones(1), np.zeros(1), *[np.zeros(0)] * 3)
 PLACES = ("frozen", *OTHER_DRIVES)
 
@@ -128,6 +136,7 @@ def test_a_model_that_is_better_only_while_it_learns_is_told_from_one_that_is_be
     claim = convergence.parallel_ends_closer(study)
     assert claim.verdicts == {"adapted": "confirmed", "frozen": "refuted", "elsewhere": "refuted"}
     assert claim.verdict == "depends"
+    assert claim.cases["frozen"] == {"hold": 0, "fail": 21, "undecided": 0}
     both = {"parallel": FAST, "hammerstein": FAST}
     found = convergence.hammerstein_converges(made_up(both, frozen={"parallel": FAST, "hammerstein": [0.3] * 7}))
     assert found.verdicts == {"adapted": "confirmed", "frozen": "refuted", "elsewhere": "refuted"}
@@ -297,9 +306,9 @@ def test_more_functions_fit_the_curve_better_and_no_family_beats_the_noise_by_ma
     assert errors["frozen"]["B-splines"] != errors["elsewhere"]["B-splines"]
 
 
-def test_stationary_points_are_stationary_and_no_minima():
+def test_stationary_points_are_stationary_and_no_minima(found):
     """The report's gradient and curvature against differences of a cost computed from predictions."""
-    found = landscape.examine(SHORT, "b", "hammerstein")
+    found = found["hammerstein"]
     samples = record(SHORT, "b", 0)
     moments = gather(Model(derived(samples, "hammerstein")), samples)
     origin = np.zeros(moments.size)
@@ -318,8 +327,8 @@ def test_stationary_points_are_stationary_and_no_minima():
     assert found["not_quadratic"]["cost_halfway"] > 2.0 * found["not_quadratic"]["cost_at_either_end"]
 
 
-def test_the_verdict_on_the_cost_follows_what_is_found():
-    found = landscape.examine(SHORT, "b", "parallel")
+def test_the_verdict_on_the_cost_follows_what_is_found(found):
+    found = found["parallel"]
     claim = landscape.unique_minimum(SHORT, {("b", "parallel"): found})
     assert claim.verdict == "refuted"
     assert len(claim.theorems) == 3
@@ -359,18 +368,39 @@ def test_a_promise_that_the_control_makes_too_tells_nothing():
 
 
 def test_the_same_seed_gives_the_same_bits():
-    one, two = (pickle.dumps(run_recording(SHORT, "b", 3)) for _ in range(2))
+    plan = Plan(1, 4.0)
+    one, two = (pickle.dumps(run_recording(plan, "b", 3)) for _ in range(2))
     assert one == two
-    assert pickle.dumps(run_recording(SHORT, "b", 4)) != one
+    assert pickle.dumps(record(plan, "b", 4)) != pickle.dumps(record(plan, "b", 3))
 
 
-def test_the_verb_writes_claims_figures_and_one_page(capsys, tmp_path):
+def results_of(plan, found):
+    """What the tasks of a plan give; the long ones once, for all conditions and seeds."""
+    orders = structure.order_errors(Plan(1, 8.0, 200.0), "b", 0, 200.0)
+    scatter = iter(np.linspace(1.0, 1.01, 100))
+    results = {}
+    for task in plan_tasks(plan):
+        match task.key[0]:
+            case "landscape":
+                results[task.key] = found[task.key[2]]
+            case "orders":
+                factor = next(scatter)
+                results[task.key] = {
+                    who: {m: {o: factor * error for o, error in by.items()} for m, by in models.items()}
+                    for who, models in orders.items()
+                }
+            case _:
+                results[task.key] = task.function(*task.arguments)
+    return results
+
+
+def test_what_is_judged_is_written_into_one_page_with_figures(found, tmp_path):
+    plan = Plan(2, 30.0, 200.0)
+    study, claims = judge(plan, results_of(plan, found))
+    text = to_json({"schema": SCHEMA, "claims": claims})
     out = tmp_path / "out"
-    assert main(["reproduce", "--out", str(out), "--seeds", "2", "--seconds", "30"]) == 0
-    printed = capsys.readouterr().out
-    document = json.loads((out / "claims.json").read_text())
-    assert document["schema"] == "friction_estimator/claims/1"
-    claims = document["claims"]
+    write(out, study, claims, text, ["friction_estimator", "reproduce"], ("svg", "png"))
+    claims = json.loads(text)["claims"]
     assert {claim["id"] for claim in claims} == IDS
     for claim in claims:
         assert set(claim) == {
@@ -381,27 +411,26 @@ def test_the_verb_writes_claims_figures_and_one_page(capsys, tmp_path):
             "verdict",
             "why",
             "verdicts",
+            "cases",
             "verdicts_without_companding",
             "theorems",
         }
-        assert set(claim["verdicts"].values()) <= {"confirmed", "refuted", "depends"}
+        assert {claim["verdict"], *claim["verdicts"].values()} <= {"confirmed", "refuted", "depends"}
         assert claim["verdicts"] or claim["theorems"]
-        assert claim["verdict"] in ("confirmed", "refuted", "depends")
         assert claim["numbers"]
         assert claim["why"].endswith(".")
-        assert f"{claim['verdict']:<10} {claim['id']}" in printed
+    by_id = {claim["id"]: claim for claim in claims}
+    assert by_id["hammerstein_converges"]["verdicts"].keys() == set(MODES)
+    assert by_id["quadratic_cost_with_unique_minimum"]["verdict"] == "refuted"
     for name in ("3", "4", "5", "6", "judged"):
         assert (out / f"figure_{name}.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
         assert "<svg" in (out / f"figure_{name}.svg").read_text()[:2000]
+    assert LAYOUT.refusal(out) is None  # all of it is ours, and may be replaced
     page = (out / "index.html").read_text()
     assert pages.own(page).count("data:image/svg+xml;base64,") == 3  # 3, 4 and the errors; the others are charts
     assert "film lag 2 ms" in pages.words(page)
-    assert {claim["id"]: claim["verdicts"] for claim in claims}["hammerstein_converges"].keys() == set(MODES)
     assert len(pages.data(page)) == 18
     assert not re.search(r'(src|href)="(?!data:|#)', pages.own(page))
-    assert not list(out.glob(".*"))
-    unique = next(c for c in claims if c["id"] == "quadratic_cost_with_unique_minimum")
-    assert unique["verdict"] == "refuted"
 
 
 @pytest.mark.parametrize(("words", "named"), [(["--seeds", "1"], "--seeds 1"), (["--seconds", "10"], "--seconds 10")])

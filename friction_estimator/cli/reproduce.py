@@ -78,7 +78,10 @@ def _run(args: argparse.Namespace, output: common.Output) -> int:
         results = run_tasks(tasks, advance)
     study, claims = judge(plan, results)
     for claim in claims:
-        modes = ", ".join(f"{mode} {word}" for mode, word in claim.verdicts.items())
+        modes = ", ".join(
+            f"{mode} {word} ({claim.cases[mode]['hold']} of {sum(claim.cases[mode].values())} cases)"
+            for mode, word in claim.verdicts.items()
+        )
         output.say(f"{claim.verdict:<10} {claim.id}: {modes or 'by proof'}")
     result = {"schema": SCHEMA, "claims": claims}
     with output.part() as folder:

@@ -133,6 +133,7 @@ def wavelets_need_fewer(runs: Sequence[dict[str, dict[str, dict[int, float]]]]) 
         verdict=judged.verdict,
         why=judged.told,
         verdicts=judged.verdicts,
+        cases=judged.counts,
     )
 
 

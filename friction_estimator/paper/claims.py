@@ -45,7 +45,8 @@ class Claim:
     verdict : confirmed, refuted or depends, computed from all cases of all modes (or from the theorems).
     why : a few sentences.
     verdicts : the same by mode (`MODES`), where the claim has modes.
-    verdicts_without_companding : the same in the paper's own basis, even in velocity, where that was run.
+    cases : by mode, how many cases hold, fail and are undecided.
+    verdicts_without_companding : verdicts in the paper's own basis, even in velocity, where that was run.
     theorems : what needs no measurement.
     """
 
@@ -56,6 +57,7 @@ class Claim:
     verdict: str
     why: str
     verdicts: dict[str, str] = field(default_factory=dict)
+    cases: dict[str, dict[str, int]] = field(default_factory=dict)
     verdicts_without_companding: dict[str, str] = field(default_factory=dict)
     theorems: tuple[Theorem, ...] = ()
 
@@ -90,6 +92,11 @@ class Judged:
         return verdict(outcome for cases in self.cases.values() for outcome in cases.values())
 
     @property
+    def counts(self) -> dict[str, dict[str, int]]:
+        """Mode -> how many cases hold, fail and are undecided."""
+        return {mode: counted(cases) for mode, cases in self.cases.items()}
+
+    @property
     def told(self) -> str:
         """The cases in sentences."""
         return " ".join(told(mode, cases) for mode, cases in self.cases.items())
@@ -120,6 +127,12 @@ def share(hits: int, trials: int) -> Interval:
         return Interval(0.5, 0.0, 1.0)
     interval = stats.binomtest(hits, trials).proportion_ci(CONFIDENCE, method="exact")
     return Interval(hits / trials, float(interval.low), float(interval.high))
+
+
+def counted(cases: Outcomes) -> dict[str, int]:
+    """Return how many cases hold, fail and are undecided."""
+    words = {"hold": True, "fail": False, "undecided": None}
+    return {word: sum(outcome is wanted for outcome in cases.values()) for word, wanted in words.items()}
 
 
 def verdict(holds: Iterable[bool | None]) -> str:
@@ -178,7 +191,7 @@ def told(mode: str, cases: Outcomes) -> str:
     >>> told("frozen", {"lms a": True, "rls a": None})
     'Frozen: 1 of 2 cases hold, 0 fail, 1 are undecided. It holds for lms (a); undecided: rls (a).'
     """
-    counts = [sum(outcome is wanted for outcome in cases.values()) for wanted in (True, False, None)]
+    counts = [*counted(cases).values()]
     head = f"{mode.capitalize()}: {counts[0]} of {len(cases)} cases hold"
     if counts[0] == len(cases):
         return f"{head}."

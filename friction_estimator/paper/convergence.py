@@ -92,6 +92,7 @@ def claim_of(
         verdict=judged.verdict,
         why=" ".join(filter(None, why)),
         verdicts=judged.verdicts,
+        cases=judged.counts,
         verdicts_without_companding={} if plain is None else plain.verdicts,
     )
 

@@ -127,4 +127,5 @@ def higher_orders_help_little(plan: Plan, errors: Mapping[tuple[str, float], Seq
         verdict=judged.verdict,
         why=judged.told,
         verdicts=judged.verdicts,
+        cases=judged.counts,
     )

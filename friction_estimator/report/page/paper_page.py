@@ -54,7 +54,7 @@ def paper_page(
             [
                 "Adapted: while learning. Frozen: learned on the first half, judged on the second without learning. "
                 "Elsewhere: learned on one drive, judged without learning on drives that differ in kind. Each is "
-                "computed from the numbers below; intervals are 95 %."
+                "computed from the numbers below, with how many of its cases hold; intervals are 95 %."
             ],
             _verdicts(claims),
             files=[files["judged"]],
@@ -96,12 +96,18 @@ def _verdicts(claims: Sequence[Claim]) -> list[tuple[object, ...]]:
     """Return a row a claim: its verdicts by mode, and over all modes in the paper's own basis."""
     rows: list[tuple[object, ...]] = [("claim", "verdict", *MODES, "without companding")]
     for claim in claims:
-        by_mode = [
-            claim.verdicts.get(mode, "by proof" if claim.theorems and not claim.verdicts else "") for mode in MODES
-        ]
+        by_mode = [_word(claim, mode) for mode in MODES]
         plain = ", ".join(f"{mode} {word}" for mode, word in claim.verdicts_without_companding.items())
         rows.append((claim.id.replace("_", " "), claim.verdict, *by_mode, plain))
     return rows
+
+
+def _word(claim: Claim, mode: str) -> str:
+    """Return the verdict in a mode, with the share of its cases that hold."""
+    if mode not in claim.verdicts:
+        return "by proof" if claim.theorems and not claim.verdicts else ""
+    counts = claim.cases[mode]
+    return f"{claim.verdicts[mode]}, {counts['hold']} of {sum(counts.values())}"
 
 
 def _card(claim: Claim) -> Card:
