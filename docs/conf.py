@@ -37,6 +37,8 @@ suppress_warnings = ["myst.header"]  # CHANGELOG.md and pages of figures begin w
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # the docstrings state shapes and units
+napoleon_attr_annotations = False  # and so of attributes
+default_role = "literal"  # of single backquotes in docstrings
 add_module_names = False
 python_use_unqualified_type_names = True
 

@@ -141,8 +141,8 @@ def read_recording(
 
     Raises
     ------
-    InputError where the recording is damaged or a choice is needed; UnanswerableError where it does not hold
-    friction, and a velocity or what one can be made of (`input.velocity_from`).
+    InputError : the recording is damaged, or a choice is needed.
+    UnanswerableError : it does not hold friction, and a velocity or what one can be made of (`input.velocity_from`).
     """
     config = config or InputConfig()
     with Source(path) as source:

@@ -191,7 +191,7 @@ def writing(
 
     Raises
     ------
-    InputError where `path` cannot be written, or what stands there was not written by this program.
+    InputError : `path` cannot be written, or what stands there was not written by this program.
     """
     kind = storage_of(path, storage)
     with Target(path, refusal_at(path)) as target, target.part() as part, written(part, kind, progress) as writer:
