@@ -53,7 +53,8 @@ class HeldOut:
         """Return what fixed parameters predict, (n,), N."""
         inputs, shape = self._inputs, self._model.shape
         predicted = np.empty(self._measured_N.size)
-        arrays = (inputs.index, inputs.value, inputs.theory, inputs.extension, inputs.restart)
+        load = (inputs.extension, inputs.known, self._model.load.size - 1)
+        arrays = (inputs.index, inputs.value, inputs.theory, *load, inputs.restart)
         predict_fixed(*arrays, predicted, shape, self._model.checked(parameters), *delay_lines(shape))
         return predicted * self._model.unit_N
 
