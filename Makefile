@@ -11,7 +11,7 @@ WORKERS ?= $(shell n=$$(nproc 2>/dev/null || echo 1); echo $$((n < 2 ? n : 2)))
 .PHONY: demo test hard check docs format stale picture lock clean
 
 demo: $(VENV)/.installed
-	$(BIN)/python -m friction_estimator.cli.demo --out demo_out docs/generated
+	$(BIN)/python -m friction_estimator.cli.demo --out demo_out
 
 test: $(VENV)/.installed
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup $(PYTEST_ARGS)
