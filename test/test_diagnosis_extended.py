@@ -10,11 +10,12 @@ from diagnosis_records import record
 
 from friction_estimator.cli.main import main
 from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.online.replay import replay
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.diagnose import Diagnosis, diagnose
 from friction_estimator.diagnosis.extend import extended_config, is_offered
-from friction_estimator.effects.extension import ExtensionTerms, parse_term
+from friction_estimator.effects.extension import ExtensionTerms, extension_from_config, parse_term
 
 UNITS = {"theory.kind": "seal", "basis.velocity_range": [-0.1, 0.1], "force_unit": 4.0}
 
@@ -61,6 +62,21 @@ def test_a_static_shape_keeps_its_value_beyond_the_top_speed() -> None:
     found = columns(terms, faster)
     beyond = faster.velocity_m_s > 0.11
     assert np.abs(found[beyond, 1]).max() <= 1.001 * np.abs(found[beyond, 0]).max()
+
+
+def test_a_wave_that_was_learned_is_left_out_on_another_recording() -> None:
+    """Its phase there is another one: a wave of the wrong phase makes the error larger than none at all."""
+    time = np.arange(4000) * 0.005
+    wave, other = (0.5 * np.sin(2.0 * np.pi * 7.0 * time + phase) for phase in (0.0, 2.5))
+    shaft = moved(0.05 * np.sin(2.0 * time), 0.005)
+    curve = np.tanh(shaft.velocity_m_s / 0.01)
+    terms = [f"periodic_disturbance:frequency=7.0,part={part}" for part in (0, 1)]
+    config = Config.from_mapping({"extension.terms": terms, **UNITS, "model.type": "hammerstein", "force_unit": 1.0})
+    learned = replay(replace(shaft, friction_N=curve + wave), config, extension=extension_from_config(config))
+    assert np.std(learned.residual_N[2000:]) < 0.1 * np.std(wave)
+    judged = learned.judge("other", replace(shaft, friction_N=curve + other), extension_from_config(config))
+    error = judged.samples.friction_N - judged.predicted_N
+    assert np.std(error[100:]) == pytest.approx(np.std(other), rel=0.05)
 
 
 def test_ends_in_the_wrong_order_are_refused_and_text_reads_back() -> None:

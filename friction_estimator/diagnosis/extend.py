@@ -83,7 +83,8 @@ def terms_of(model: Joint) -> tuple[list[TermSpec], list[float]]:
         for part in range(columns.shape[1]):
             scale = float(np.sqrt(np.mean(np.square(columns[:, part])))) or 1.0
             specs.append(TermSpec(term.effect, dict(term.params), part, scale, measured(term.effect, model.features)))
-            weights.append(float(term.weights[part]) * scale)
+            # A wave has the phase of the recording that it was measured in; elsewhere it is learned anew.
+            weights.append(0.0 if term.effect.has_phase else float(term.weights[part]) * scale)
     return specs, weights
 
 

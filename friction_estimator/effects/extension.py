@@ -18,7 +18,7 @@ from friction_estimator.core.model.basis import basis_from_config
 from friction_estimator.core.model.structure import check_count, theory_scale
 from friction_estimator.core.model.theory import theory_from_config
 from friction_estimator.core.model.theory_seal import SealCurve
-from friction_estimator.core.sample import Floats, Samples
+from friction_estimator.core.sample import Bools, Floats, Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import NO_VELOCITY
 from friction_estimator.effects.base import EFFECTS, SLOW, Effect
@@ -172,6 +172,11 @@ class ExtensionTerms:
     def size(self) -> int:
         """Number of columns: one for each term."""
         return len(self._specs)
+
+    @property
+    def phases(self) -> Bools:
+        """Which columns are waves in time, (size,): their coefficients say nothing of another recording."""
+        return np.array([spec.effect.has_phase for spec in self._specs], np.bool_)
 
     @property
     def names(self) -> tuple[str, ...]:

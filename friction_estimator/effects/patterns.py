@@ -124,6 +124,7 @@ class PeriodicDisturbance(Effect):
     family = "periodic"
     stage = "mechanics"
     many = True
+    has_phase = True
     keys = (
         Key("amplitude", "N", 0.2, 0.0, 1e6, "amplitude"),
         Key("frequency", "Hz", 13.7, 1e-3, 1e5, "frequency"),

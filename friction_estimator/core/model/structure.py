@@ -36,6 +36,10 @@ class Extension(Protocol):
     def size(self) -> int:
         """Number of columns."""
 
+    @property
+    def phases(self) -> Bools:
+        """Which columns are waves in time, (size,): their coefficients say nothing of another recording."""
+
     def columns(self, samples: Samples, theory_N: Floats) -> Floats:
         """Return the terms' values for the next samples, (n, size), N; keeps its own delay lines."""
 

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -175,6 +175,8 @@ class Replay:
     def judge(self, name: str, samples: Samples, extension: Extension | None = None) -> Judged:
         """Predict another recording with the values learned, frozen; delay lines start afresh, nothing changes here.
 
+        Waves in time are left out: which phase they have there, nobody knows.
+
         Parameters
         ----------
         samples : its admitted samples.
@@ -197,7 +199,11 @@ class Replay:
                 f"{name}: friction is constant at {self.config.quantities.text(samples.friction_N[scored][0], FORCE)} "
                 f"in all {count} samples: there is nothing to judge by; is it the right topic, axis or joint?"
             )
-        predicted = predict(samples, config, self.parameters, extension)
+        parameters = self.parameters
+        if extension is not None:
+            weights = np.where(extension.phases, 0.0, parameters.extension_weights)
+            parameters = replace(parameters, extension_weights=weights)
+        predicted = predict(samples, config, parameters, extension)
         theory = None if self.theory_N is None else self.estimator.model.theoretical_friction(samples)
         return Judged(name, samples, predicted, frozen_score(samples, predicted, theory, scored, self.baseline_curves))
 
