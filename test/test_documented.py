@@ -36,7 +36,7 @@ EXEMPT = {
     r"(git|pip|sudo|cd|\.|\.venv/bin/\w+|python3 -m venv) ": "sets up the machine",
     r"ros2 |rosdep |colcon ": NATIVE,
     r"rosbags-convert ": "would write over the recordings that the project ships",
-    r"friction_estimator reproduce\b": f"{WHOLE}: test_reproduce.py",
+    r"friction_estimator reproduce\b": f"{WHOLE}: hard/hard_reproduce.py",
     r"friction_estimator watch --": "a second view of the same node: test_watch.py",
     r"friction_estimator simulate --out build/": "makes bags/ again: test_cli_simulate.py compares the samples",
 }
