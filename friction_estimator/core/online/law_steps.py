@@ -200,7 +200,7 @@ def without_noise(shape, theta, root, prior_root, noise, status, gain):  # type:
 
     No variance comes to exceed the prior's; where one would, noise is half of the column's own part or more, nothing
     is known of the coefficient however many samples there were, and its value stays that of least squares, which
-    predicts best (docs/decisions/0096-noise-is-no-excitation.md; Zheng, IEEE Trans. Automatic Control 43 (1998) 1144).
+    predicts best (docs/decisions/0096-noise-is-no-excitation.md; Sagara and Wada, Int. J. Control 25 (1977) 329).
     """
     n = root.shape[0]
     start = n - shape[EXTENSIONS]

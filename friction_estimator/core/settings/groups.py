@@ -289,9 +289,9 @@ class LoadConfig:
 
     terms: tuple[str, ...] = setting(
         (),
-        "What the effort holds beside friction: inertia, gravity (sin and cos of the position), spring, constant. NAME "
-        "is learned; what has a value is known and taken off: inertia=0.02, gravity:sin=1.2,cos=0, "
-        "spring:centre=0,stiffness=3.",
+        "What the effort holds beside friction: inertia, gravity (sin and cos of the position), spring, constant; "
+        "load_dependence, friction that follows these. NAME is learned; what has a value is known and taken off: "
+        "inertia=0.02, gravity:sin=1.2,cos=0, spring:centre=0,stiffness=3.",
     )
     half_width: float = setting(
         0.025,
