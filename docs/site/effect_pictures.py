@@ -47,7 +47,7 @@ VALUES: Mapping[str, Mapping[str, float]] = {
 """Values with which an effect shows within the few cycles of a picture; all others are the defaults."""
 
 REVERSALS = ("since_reversal_m", "since_reversal_s")
-NEAR = 0.15
+NEAR = 0.04
 """Share of a cycle that is drawn after a reversal."""
 
 
@@ -114,9 +114,11 @@ def _signal(axes: Axes, shown: Shown) -> None:
             axes.set(xlabel="time (s)", ylabel=up.label)
             axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), fontsize=7, ncols=2)
             return
-    axes.plot(time[1:], 1e3 * np.diff(before.friction_stamp_ns) * 1e-9, color=style.MEASURED, lw=2.0, label="without")
-    axes.plot(time[1:], 1e3 * np.diff(after.friction_stamp_ns) * 1e-9, color=style.PREDICTED, lw=0.9, label="with")
-    axes.set(xlabel="time (s)", ylabel="step between stamps (ms)")
+    between = np.any(after.friction_stamp_ns != after.stamp_ns)
+    for trace, color, width, name in ((before, style.MEASURED, 2.0, "without"), (after, style.PREDICTED, 0.9, "with")):
+        stamps = trace.friction_stamp_ns - trace.stamp_ns if between else np.diff(trace.friction_stamp_ns)
+        axes.plot(time[time.size - stamps.size :], 1e-6 * stamps, color=color, lw=width, label=name)
+    axes.set(xlabel="time (s)", ylabel="stamp of force - stamp of velocity (ms)" if between else "step of stamps (ms)")
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), fontsize=7, ncols=2)
 
 
@@ -152,6 +154,8 @@ def _change(axes: Axes, shown: Shown) -> None:
     folded = np.sign(before.velocity_m_s) if cls.turns else np.ones(values.size)
     up = Axis(q, "change of the {force}" + (", in the direction of motion" if cls.turns else ""), FORCE)
     axes.plot(across(values[used]), up(shown.change * folded)[used], ".", ms=2, color=style.PREDICTED, rasterized=True)
+    if np.ptp(shown.change) < 1e-6 * np.abs(shown.change).max():  # a constant
+        axes.set_ylim(0.0, 2.0 * float(up(shown.change).max()))
     label = up.label.replace(", in the", ",\nin the")
     axes.set(xlabel=across.label.replace(" of the base model", ""), ylabel=label)
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import effect_catalogue
 import example_figures
-import parameter_tables
+import parameter_reference
 from sphinx.application import Sphinx
 from sphinx.errors import ExtensionError
 
@@ -27,7 +27,7 @@ MAKERS: dict[str, Callable[..., str]] = {
     "diagnosis": example_figures.diagnosis,
     "effects": effect_catalogue.markdown,
     "figure": example_figures.markdown,
-    "parameters": parameter_tables.markdown,
+    "parameters": parameter_reference.markdown,
 }
 """First word of a mark -> what makes Markdown of it: (folder for pictures, address of that folder, words...)."""
 

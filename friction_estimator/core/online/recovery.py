@@ -80,8 +80,8 @@ SAMPLES_A_REVERSAL = 4096
 """Samples that count for a reversal where the drive makes none."""
 
 TOLERANCE_RISE, LARGEST_TOLERANCE, TOLERANCE_MEMORY = 2.0, 8.0, 1e5
-"""Factor on the usual variance after an alarm that was none, its limit, and samples over which it falls back to 1: what
-is alarming in every cycle is the model's error."""
+"""Factor on the usual variance after an alarm that was none, its limit, and samples over which it falls back to 1: an
+error that raises an alarm in every cycle is the model's own."""
 
 HELD, FORMER, OLDER, NEWER = range(4)
 """Rows of `kept`; the first two have a place in `kept_root` too, the last two are kept while all is calm."""

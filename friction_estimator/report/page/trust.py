@@ -128,7 +128,7 @@ def _ending(result: Replay, q: Quantities, fitted: bool, diverged: bool) -> list
     """Judge the end of what was learned from."""
     errors = errors_at_the_end(result)
     if diverged or not np.isfinite(errors.model):
-        text = "Lower the step size of this law, or take the default law, which cannot run away so."
+        text = "Lower the step size of this law, or take the default law, which bounds its steps by itself."
         return [Finding(STOP, "the estimate diverged", Advice(text, "--law rls"))]
     if errors.model >= errors.spread:
         text = "Check which topic, axis, joint and sign are read, and that clocks agree: friction_estimator info tells."

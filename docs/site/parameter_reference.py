@@ -9,26 +9,22 @@ from friction_estimator.core.settings.setting import Parameter
 
 
 def markdown(folder: Path, address: str) -> str:  # noqa: ARG001 - no pictures
-    """Return a table for each group of settings."""
+    """Return a list for each group of settings: lists fit a phone, six columns do not."""
     parts = []
     ordered = sorted(PARAMETERS.values(), key=lambda item: "." in item.name)
     for group, items in groupby(ordered, key=lambda item: item.name.rpartition(".")[0]):
         if group:
             about = (type(getattr(Config(), group)).__doc__ or "").splitlines()[0]
             parts += [f"## {group}", "", about, ""]
-        parts += [
-            "| name | default | unit | range | a change acts | meaning |",
-            "| --- | --- | --- | --- | --- | --- |",
-        ]
-        parts += [_row(item) for item in items]
+        parts += [_told(item) for item in items]
         parts.append("")
     return "\n".join(parts)
 
 
-def _row(item: Parameter) -> str:
+def _told(item: Parameter) -> str:
     acts = "written by the estimator" if item.learned else item.acts
-    cells = (f"`{item.name}`", _default(item), item.units, _range(item), acts, item.description)
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+    facts = "; ".join(filter(None, (item.units, _range(item), acts)))
+    return f"- **`{item.name}`**, default {_default(item)}: {item.description} *({facts})*"
 
 
 def _default(item: Parameter) -> str:
