@@ -29,8 +29,9 @@ from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.ros.listener import Listener
 
-LIMIT_S = 60.0
-"""Longest wait for a process to start, to finish a message, or to end."""
+LIMIT_S = 300.0
+"""Longest wait for a process to start, to finish a message, or to end: the first start compiles, which takes a
+busy machine minutes. A process that has ended is noticed at once."""
 
 RELIABLE = [
     word
