@@ -158,7 +158,7 @@ def test_a_verdict_says_at_which_step_sizes_it_turns():
     claim = convergence.hammerstein_converges(study)
     assert claim.verdicts == {"adapted": "confirmed", "frozen": "depends", "elsewhere": "confirmed"}
     assert "it depends on the step size: frozen, b (holds at 0.002, 0.005, 0.01; fails at 0.02)." in claim.why
-    assert "it fails for lms 0.02 (b)" in claim.why
+    assert "It fails for lms 0.02 (b); it holds for all others." in claim.why
 
 
 def test_words_for_cases():
@@ -166,7 +166,10 @@ def test_words_for_cases():
     assert listed(cases, True) == "lms (a), lms 0.02 (a)"
     assert listed(cases, False) == "lms 0.02 (b on triangle)"
     assert told("frozen", {"rls a": True, "rls b": True}) == "Frozen: 2 of 2 cases hold."
-    assert told("frozen", {"rls a": False}).endswith("It fails for every one.")
+    assert told("frozen", {"rls a": False}) == "Frozen: 0 of 1 cases hold. It fails for every one."
+    assert told("frozen", {"rls a": None}) == "Frozen: 0 of 1 cases hold. Undecided: rls (a)."
+    most = {"rls a": True, "rls b": True, "rls c": False}
+    assert told("frozen", most) == "Frozen: 2 of 3 cases hold. It fails for rls (c); it holds for all others."
     assert by_step_size({"frozen": {"rls a": True, "nlms a": False}}, "lms", "0.005").endswith("the step size.")
 
 

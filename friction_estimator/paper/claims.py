@@ -186,26 +186,26 @@ def listed(cases: Outcomes, wanted: bool | None) -> str:
 
 
 def told(mode: str, cases: Outcomes) -> str:
-    """Return a sentence on the cases of a mode.
+    """Return a sentence on the cases of a mode; of those that hold and those that fail it names the fewer.
 
-    >>> told("frozen", {"lms a": True, "rls a": None})
-    'Frozen: 1 of 2 cases hold, 0 fail, 1 are undecided. It holds for lms (a); undecided: rls (a).'
+    >>> told("frozen", {"lms a": True, "lms b": False, "rls a": False, "rls b": None})
+    'Frozen: 1 of 4 cases hold. It holds for lms (a); undecided: rls (b); it fails for all others.'
     """
-    counts = [*counted(cases).values()]
-    head = f"{mode.capitalize()}: {counts[0]} of {len(cases)} cases hold"
-    if counts[0] == len(cases):
-        return f"{head}."
+    counts = counted(cases)
+    head = f"{mode.capitalize()}: {counts['hold']} of {len(cases)} cases hold."
+    if counts["hold"] == len(cases):
+        return head
     parts = []
-    for words, wanted, count in zip(
-        ("it holds for", "it fails for", "undecided:"), (True, False, None), counts, strict=True
-    ):
-        if count == len(cases):
-            parts = [f"{words.rstrip(':')} every one" if wanted is not None else "all undecided"]
-            break
-        if count:
-            parts.append(f"{words} {listed(cases, wanted)}")
+    if counts["undecided"]:
+        parts.append(f"undecided: {listed(cases, None)}")
+    few, many = ("holds", "fails") if counts["hold"] <= counts["fail"] else ("fails", "holds")
+    named = listed(cases, few == "holds")
+    if named != "none":
+        parts.insert(0, f"it {few} for {named}")
+    if counts[{"holds": "hold", "fails": "fail"}[many]]:
+        parts.append(f"it {many} for all others" if parts else f"it {many} for every one")
     sentence = "; ".join(parts)
-    return f"{head}, {counts[1]} fail, {counts[2]} are undecided. {sentence[0].upper()}{sentence[1:]}."
+    return f"{head} {sentence[0].upper()}{sentence[1:]}."
 
 
 def by_step_size(cases: Mapping[str, Outcomes], law: str, default: str) -> str:

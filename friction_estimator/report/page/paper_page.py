@@ -1,5 +1,6 @@
 """The page of `reproduce`: the paper's figures, and its claims judged by numbers."""
 
+import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -110,6 +111,12 @@ def _word(claim: Claim, mode: str) -> str:
     return f"{claim.verdicts[mode]}, {counts['hold']} of {sum(counts.values())}"
 
 
+def _paragraphs(why: str) -> list[str]:
+    """Return the reasons with a paragraph for each mode, and for what is said of all of them."""
+    heads = "|".join(("Frozen:", "Elsewhere:", "Of lms", "The head start", r"sign\(v\) alone", "Without companding"))
+    return re.split(rf" (?=(?:{heads}))", why)
+
+
 def _card(claim: Claim) -> Card:
     level = VERDICTS.get(claim.verdict, NEUTRAL)
     theorems = [("Theorem", f"{one.statement} {one.proof} {one.checked}") for one in claim.theorems]
@@ -117,6 +124,6 @@ def _card(claim: Claim) -> Card:
         f"{LEVELS[level][0]} {claim.verdict.capitalize()}: {claim.id.replace('_', ' ')}",
         claim.id,
         level,
-        [f"The paper says: {claim.statement}", claim.why],
+        [f"The paper says: {claim.statement}", *_paragraphs(claim.why)],
         facts=[*theorems, ("Experiment", claim.experiment)],
     )
