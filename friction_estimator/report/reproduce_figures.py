@@ -47,10 +47,10 @@ PARTS = {
     "5": (
         "The paper: friction measured and estimated by the Hammerstein model, and its g, of the theory's shape but for "
         "magnitude and sign.",
-        f"Ours: first and last cycle, predicted by the paper's law (lms, step {DEFAULT_STEP:g}) before each measurement "
-        "was used, each with what is left; in the file figure_5, for the last cycle, also what the same law leaves if "
-        "it stops learning half way. Then g as it was learned, magnitude and sign included; g scaled onto the theory, "
-        "beside the plant; and the error of each cycle.",
+        f"Ours: first and last cycle, predicted by the paper's law (lms, step {DEFAULT_STEP:g}) before each "
+        "measurement was used, each with what is left; in the file figure_5, for the last cycle, also what the same "
+        "law leaves if it stops learning half way. Then g as it was learned, magnitude and sign included; g scaled "
+        "onto the theory, beside the plant; and the error of each cycle.",
         "What differs: the paper shows estimates while learning only, of one step size that it does not name; here "
         "four of them stand beside nlms, rls and the batch fit.",
     ),
