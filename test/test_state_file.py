@@ -171,6 +171,7 @@ def entry(*path):
         ("damaged", entry("arrays", "theta", "array")("!!!!")),
         ("damaged", entry("arrays", "theta", "array")("AAAA")),
         (r"shape\[0\] is -1", entry("arrays", "theta", "shape")([-1])),
+        (r"shape\[0\] is 42.0", entry("arrays", "theta", "shape")([42.0])),
         (r"shape\[0\] is 1000000000000", entry("arrays", "theta", "shape")([10**12])),
         ("theta is float64", entry("arrays", "theta", "shape")([6, 7])),
     ],
