@@ -40,7 +40,8 @@ class Schema:
 
         # To JSON Schema 3.0 is an integer; to whoever counts by it, it is none.
         types = Draft202012Validator.TYPE_CHECKER.redefine("integer", lambda _, value: type(value) is int)
-        return validators.extend(Draft202012Validator, type_checker=types)(self._rules)
+        checked = validators.extend(Draft202012Validator, type_checker=types)  # type: ignore[no-untyped-call]
+        return checked(self._rules)
 
     def check(self, document: Any, source: str, kind: type[InputError] = InputError) -> None:
         """Raise `kind` where `document` breaks a rule; one line with `source`, the place and what is expected there."""
