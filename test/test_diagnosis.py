@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnosis_records import names, record, set_of
+from measured_seals import WITHOUT_THEORY, check_measured_seal
 
 from friction_estimator.cli.main import main
 from friction_estimator.core.errors import UnanswerableError
@@ -14,7 +15,7 @@ from friction_estimator.core.online.replay import replay
 from friction_estimator.core.quantities import Quantities
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
-from friction_estimator.diagnosis.diagnose import Diagnosis, diagnose
+from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.diagnosis.extend import extended_config
 from friction_estimator.diagnosis.summary import as_json, sentences
 from friction_estimator.documents.configuration import read_config, write_config
@@ -273,61 +274,8 @@ def test_measured_ball_screw_shows_its_pitch_and_its_asymmetry(shared_data: Path
     assert len(found) == 2
 
 
-def measured_seal(shared_data: Path, seal: str) -> list[Samples]:
-    """All pressures of one seal, a recording each."""
-    path = shared_data / "seal_zillen_pneumatic" / "data.csv"
-    table = np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding="utf-8")
-    table = table[(table["seal"] == seal) & np.isfinite(table["v_m_s"]) & np.isfinite(table["friction_N"])]
-    recordings = []
-    for level in np.unique(table["nominal_bar"]):
-        part = table[table["nominal_bar"] == level]
-        restart = np.concatenate([[True], np.diff(part["segment"]) != 0])
-        recordings.append(
-            Samples(
-                np.round(part["t_s"] * 1e9).astype(np.int64),
-                np.asarray(part["v_m_s"], np.float64),
-                np.asarray(part["friction_N"], np.float64),
-                restart,
-                pressure_Pa=np.asarray(part["pressure_Pa"] + 101325.0, np.float64),
-                position_m=np.asarray(part["x_m"], np.float64),
-            )
-        )
-    return recordings
-
-
-SEALS = [
-    # One worker for the two tests of a seal, which share a diagnosis of minutes.
-    pytest.param((seal, given), id=f"{seal}-{how}", marks=pytest.mark.xdist_group(f"{seal}-{how}"))
-    for seal in ("O-ring257", "X-ring257")
-    for how, given in (("alone", {"model.type": "hammerstein", "theory.kind": "none"}), ("theory", {}))
-]
-
-
-@pytest.fixture(scope="module", params=SEALS)
-def seal(request: pytest.FixtureRequest, shared_data: Path) -> Diagnosis:
-    """A measured seal, each of its pressures a recording of its own, in rising order."""
-    name, given = request.param
-    return diagnose(measured_seal(shared_data, name), Config.from_mapping(given))
-
-
-def test_measured_seals_say_what_they_cannot_show(seal: Diagnosis) -> None:
-    assert seal.verdict == "effects_found"
-    words = " ".join(seal.excitation.warnings)
-    assert "do not identify the curve F(v)" in words
-    assert "randomise the order" in words
-    assert {"direction_asymmetry", "sensor_bias"} & set(names(seal))  # their author saw it too
-
-
-def test_measured_seals_show_pressure_and_what_changed_with_it(seal: Diagnosis, request: pytest.FixtureRequest) -> None:
-    named = {e.name: e for e in seal.effects}
-    if request.node.callspec.id == "O-ring257-theory":
-        # The theory's own dependence on pressure takes most of it here: what is left is flagged and has no name.
-        assert "pressure_dependence" not in named
-        assert seal.remainder is not None
-        return
-    pressure = named["pressure_dependence"]
-    assert pressure.gain is not None
-    assert pressure.gain.low_percent > 0.0
-    assert {"gain_step", "wear", "viscosity_drift", "sensor_drift", "bias_step"} <= set(pressure.rivals)
-    assert pressure.experiment
-    assert not set(named) & set(pressure.rivals)
+@pytest.mark.parametrize(
+    ("seal", "given"), [("O-ring257", {}), ("X-ring257", WITHOUT_THEORY)], ids=["O-ring", "X-ring"]
+)
+def test_measured_seals(shared_data: Path, seal: str, given: dict[str, object]) -> None:
+    check_measured_seal(shared_data, seal, given)

@@ -1,7 +1,10 @@
 """Diagnoses on plants whose own trait hides or imitates what is hidden: a minute each."""
 
+from pathlib import Path
+
 import pytest
 from diagnosis_records import names, record
+from measured_seals import WITHOUT_THEORY, check_measured_seal
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.diagnose import diagnose
@@ -23,3 +26,10 @@ RIG = {"direction_asymmetry", "pressure_dependence", "frictional_lag"}
 )
 def test_the_set_is_what_is_hidden_and_the_plants_traits(hidden: str, plant: str, found: set[str]) -> None:
     assert set(names(diagnose([record([hidden], plant=plant)], Config()))) == found
+
+
+@pytest.mark.parametrize(
+    ("seal", "given"), [("O-ring257", WITHOUT_THEORY), ("X-ring257", {})], ids=["O-ring", "X-ring"]
+)
+def test_measured_seals(shared_data: Path, seal: str, given: dict[str, object]) -> None:
+    check_measured_seal(shared_data, seal, given)
