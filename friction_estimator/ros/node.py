@@ -14,7 +14,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from friction_estimator.ros.estimator_node import EstimatorNode
 
-SWITCH_S = 2e-4
+SWITCH_S = 2e-5
 """Longest time that a thread in the background keeps a sample waiting for the interpreter's lock (5 ms by default)."""
 
 SPIN_S = 0.1
