@@ -1,6 +1,7 @@
 """`make demo`, whole: two processes over DDS, every sample predicted, results written, the curve that of the plant."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 
 from friction_estimator.core.settings.theory_groups import SealConfig
 from friction_estimator.rig.plant import PLANTS
+from friction_estimator.threads import VARIABLES
 
 ROOT = Path(__file__).parents[1]
 LIMIT_S = 180
@@ -45,3 +47,11 @@ def steady_state(velocity, pressure_Pa, temperature_degC):
     """Return the friction of the rig's own plant at constant velocity, N."""
     plant = PLANTS["rig"](SealConfig(), 1000.0)
     return plant.curve.evaluate(velocity, *(np.full(velocity.size, value) for value in (pressure_Pa, temperature_degC)))
+
+
+def test_every_program_of_the_command_line_has_one_thread_for_linear_algebra():
+    """More move last bits: the demonstration would differ from the node, whose environment says one."""
+    code = "import friction_estimator.cli.demo, os; print(os.environ['OPENBLAS_NUM_THREADS'])"
+    environment = {name: value for name, value in os.environ.items() if name not in VARIABLES}
+    ran = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    assert ran.stdout.strip() == "1"

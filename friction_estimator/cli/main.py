@@ -13,7 +13,6 @@ from friction_estimator import __version__
 from friction_estimator.cli.progress import compilation_told
 from friction_estimator.cli.terminal import EXIT_CODES, PROGRAM, Parser, guarded
 from friction_estimator.core.errors import ConfigError
-from friction_estimator.threads import one_thread
 
 VERBS: dict[str, tuple[str, str]] = {
     # verb: (module in friction_estimator.cli, what it does)
@@ -38,7 +37,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     Raises SystemExit for `--help`, `--version` (0) and usage errors (2), as argparse does.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
-    one_thread()  # before a verb brings in numpy
     chosen = next((word for word in arguments if not word.startswith("-")), None)
     name = PROGRAM if chosen is None else f"{PROGRAM} {chosen}"
     # All of it inside the guard: a library that is not installed is one line, too.
