@@ -37,7 +37,7 @@ FIT_RIDGE = 1e-6
 """Of `friction_alone`: share of a column's own power that its coefficient costs."""
 
 SMOOTH_SHARE = 0.02
-"""Of the top speed: width of the smooth sign of `friction_alone`."""
+"""Of the top speed: width of the smooth sign beside which loads are sought and learned."""
 
 
 class Motion(Protocol):
@@ -70,6 +70,7 @@ class Load:
     of_motion : whether the column is an acceleration or a position, which the speed scale makes dimensionless.
     keys : further numbers of a term with their defaults.
     even : whether it has a part that is the same at rest and in both directions.
+    least_range : of the position, m or rad, below which it cannot be told from a spring and a constant.
     follows : whether its column is the sign of the velocity, to be multiplied by the size of the other terms together.
     """
 
@@ -81,6 +82,7 @@ class Load:
     of_motion: bool = False
     keys: Mapping[str, float] = field(default_factory=dict)
     even: bool = False
+    least_range: float = 0.0
     follows: bool = False
 
 
@@ -113,7 +115,15 @@ LOADS.register(
 )
 LOADS.register(
     "gravity",
-    Load(("sin", "cos"), "N", _gravity, "move over a larger angle, and at several speeds", "position", even=True),
+    Load(
+        ("sin", "cos"),
+        "N",
+        _gravity,
+        "move over a larger angle, and at several speeds",
+        "position",
+        even=True,
+        least_range=1.0,
+    ),
 )
 LOADS.register(
     "spring",
@@ -308,7 +318,7 @@ class LoadTerms:
         motion = SampleMotion(samples)
         for i, part in enumerate(self.unknown):
             if part.load.follows:
-                out[:, i] = np.tanh(samples.velocity_m_s / (SMOOTH_SHARE * self._speed))
+                out[:, i] = smooth_sign(samples.velocity_m_s, self._speed)
                 continue
             out[:, i] = np.clip(part.column(motion) * self._without_dimension(part), -LARGEST_COLUMN, LARGEST_COLUMN)
         return out
@@ -361,6 +371,11 @@ class SampleMotion:
         return self.samples.velocity_m_s
 
 
+def smooth_sign(velocity_m_s: Floats, top_m_s: float) -> Floats:
+    """Return the sign of the velocity, (n,), smoothed about standstill, for a drive of this top speed."""
+    return np.asarray(np.tanh(velocity_m_s / (SMOOTH_SHARE * top_m_s)))
+
+
 def _made(values: Floats | None) -> Floats:
     if values is None:
         raise ConfigError("load.terms need the acceleration, which these samples lack: admit them by Intake")
@@ -380,7 +395,7 @@ def friction_alone(config: Config, samples: Samples) -> Floats:
     motion, velocity = SampleMotion(samples), samples.velocity_m_s
     top = float(np.quantile(np.abs(velocity), 0.99)) or 1.0
     load = np.column_stack([part.column(motion) for part in linear])
-    friction = np.column_stack([np.tanh(velocity / (SMOOTH_SHARE * top)), velocity])
+    friction = np.column_stack([smooth_sign(velocity, top), velocity])
     columns = np.column_stack([load, friction])
     norm = np.sqrt(np.mean(np.square(columns), axis=0))
     columns = columns / np.where(norm > 0.0, norm, 1.0)

@@ -6,16 +6,13 @@
 import numpy as np
 
 from friction_estimator.compiled import njit
-from friction_estimator.core.fit.posterior import COLOUR
+from friction_estimator.core.fit.posterior import COLOUR, SLACK
 from friction_estimator.core.model.prediction import EXTENSIONS, TAPS, WEIGHTS
 from friction_estimator.core.online import workspace as at
 from friction_estimator.core.settings.groups import LARGEST_PARAMETER
 
 LEAST_BACKOFF, RECOVERY = 1e-4, 1e-4
 """lms: smallest factor on the step size after guarded steps, and its relative growth a sample."""
-
-SLACK = 1.001
-"""Of the prior's variance where noise is taken off: what no sample told has it but for rounding."""
 
 PULL_EVERY, LARGEST_PULL, PAID_AT_ONCE = 64, 0.5, 1.0 / 256.0
 """Samples between two pulls towards the prior, and the largest one: above 1 it would overshoot. After an alarm a

@@ -18,9 +18,9 @@ from friction_estimator.core.fit.baselines import StaticCurve
 from friction_estimator.core.fit.frozen_score import CURVES, curves_learned
 from friction_estimator.core.intake.acceleration import slopes
 from friction_estimator.core.intake.standstill import standstill
-from friction_estimator.core.model.load import LOADS, SampleMotion
+from friction_estimator.core.model.load import LOADS, SampleMotion, smooth_sign
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Samples
-from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.groups import LoadConfig
 
 GOOD_NRMSE = 0.1
 """Error over the spread of friction below which nothing is asked."""
@@ -37,13 +37,7 @@ LEAST_SAMPLES = 200
 FOLDS, PERIODS = 4, 10
 """Parts of the record that a load is judged on in turn, fitted to the others; parts that are compared for change."""
 
-LEAST_TURN = 1.0
-"""Range of the position, rad, below which gravity cannot be told from a spring and a constant."""
-
-SMOOTH_SHARE = 0.02
-"""Of the top speed: width of the smooth sign beside which a load is sought."""
-
-HALF_WIDTH_NS = round(Config().load.half_width * NS_PER_S)
+HALF_WIDTH_NS = round(LoadConfig().half_width * NS_PER_S)
 """Time on either side that an acceleration is taken from (`intake.acceleration`)."""
 
 MOST_LOADS = 2
@@ -247,15 +241,13 @@ def _load(judged: Judgement, within: Bools, left: float) -> Shortcoming | None:
     """Look for a load beside Coulomb and viscous friction, on parts of the record that it was not fitted to."""
     samples = judged.samples
     velocity = samples.velocity_m_s[within]
-    smooth = np.tanh(velocity / (SMOOTH_SHARE * judged.top_speed_m_s))
+    smooth = smooth_sign(velocity, judged.top_speed_m_s)
     parts = {"friction": np.column_stack([smooth, velocity, np.ones(velocity.size)])}
     motion = _motion(samples)
-    turned = 0.0 if samples.position_m is None else float(np.ptp(motion.position_m))
+    reach = float(np.ptp(motion.position_m))
     for name, load in LOADS.items():
-        if name == "gravity" and turned < LEAST_TURN:
-            continue
         is_known = samples.position_m is not None or load.needs != "position"
-        if name == "constant" or name in judged.has_loads or not is_known:
+        if name == "constant" or name in judged.has_loads or not is_known or reach < load.least_range:
             continue
         if not load.follows:
             parts[name] = load.columns(motion, load.keys)[within]
