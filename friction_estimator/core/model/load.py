@@ -52,8 +52,8 @@ class Motion(Protocol):
         """Position, m or rad."""
 
     @property
-    def velocity_m_s(self) -> Floats:
-        """Velocity, m/s or rad/s."""
+    def direction(self) -> Floats:
+        """Sign of the velocity."""
 
 
 @dataclass(frozen=True)
@@ -102,8 +102,8 @@ def _gravity(motion: Motion, keys: Mapping[str, float]) -> Floats:  # noqa: ARG0
     return np.column_stack([np.sin(motion.position_m), np.cos(motion.position_m)])
 
 
-def _sign(motion: Motion, keys: Mapping[str, float]) -> Floats:  # noqa: ARG001
-    return np.sign(motion.velocity_m_s)[:, None]
+def _direction(motion: Motion, keys: Mapping[str, float]) -> Floats:  # noqa: ARG001
+    return motion.direction[:, None]
 
 
 LOADS: Registry[Load] = Registry("load term")
@@ -153,7 +153,7 @@ LOADS.register(
     Load(
         ("share",),
         "1",
-        _sign,
+        _direction,
         "let the load vary from none to much at the same velocities: lift and lower it",
         follows=True,
     ),
@@ -315,11 +315,8 @@ class LoadTerms:
     def columns(self, samples: Samples) -> Floats:
         """Return the columns of the unknown terms, (n, size), without dimension: force units per force unit."""
         out = np.empty((len(samples), self.size))
-        motion = SampleMotion(samples)
+        motion = SampleMotion(samples, self._speed)
         for i, part in enumerate(self.unknown):
-            if part.load.follows:
-                out[:, i] = smooth_sign(samples.velocity_m_s, self._speed)
-                continue
             out[:, i] = np.clip(part.column(motion) * self._without_dimension(part), -LARGEST_COLUMN, LARGEST_COLUMN)
         return out
 
@@ -342,7 +339,7 @@ class LoadTerms:
 
     def known_N(self, samples: Samples) -> Floats:
         """Return the force of the known terms, (n,), N."""
-        total, motion = np.zeros(len(samples)), SampleMotion(samples)
+        total, motion = np.zeros(len(samples)), SampleMotion(samples, self._speed)
         for part in self.known:
             assert part.value is not None
             total += part.value * part.column(motion)
@@ -351,9 +348,10 @@ class LoadTerms:
 
 @dataclass(frozen=True)
 class SampleMotion:
-    """The motion of samples; ConfigError where an acceleration or position is asked for that was not made."""
+    """The motion of samples of a drive of this top speed; ConfigError for an acceleration that was not made."""
 
     samples: Samples
+    top_m_s: float
 
     @property
     def acceleration_m_s2(self) -> Floats:
@@ -366,9 +364,9 @@ class SampleMotion:
         return np.zeros(len(self.samples)) if self.samples.position_m is None else self.samples.position_m
 
     @property
-    def velocity_m_s(self) -> Floats:
-        """Velocity."""
-        return self.samples.velocity_m_s
+    def direction(self) -> Floats:
+        """Sign of the velocity, smoothed about standstill."""
+        return smooth_sign(self.samples.velocity_m_s, self.top_m_s)
 
 
 def smooth_sign(velocity_m_s: Floats, top_m_s: float) -> Floats:
@@ -392,8 +390,9 @@ def friction_alone(config: Config, samples: Samples) -> Floats:
     linear = [part for part in terms.unknown if not part.load.follows]
     if not linear or not len(samples):
         return samples.friction_N
-    motion, velocity = SampleMotion(samples), samples.velocity_m_s
+    velocity = samples.velocity_m_s
     top = float(np.quantile(np.abs(velocity), 0.99)) or 1.0
+    motion = SampleMotion(samples, top)
     load = np.column_stack([part.column(motion) for part in linear])
     friction = np.column_stack([smooth_sign(velocity, top), velocity])
     columns = np.column_stack([load, friction])

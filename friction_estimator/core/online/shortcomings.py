@@ -221,7 +221,7 @@ def _speeds(share: float) -> Shortcoming:
     )
 
 
-def _motion(samples: Samples) -> SampleMotion:
+def _motion(samples: Samples, top_m_s: float) -> SampleMotion:
     acceleration, variance = np.empty((2, len(samples)))
     slopes(
         samples.stamp_ns,
@@ -234,7 +234,7 @@ def _motion(samples: Samples) -> SampleMotion:
         variance,
     )
     position = None if samples.position_m is None else np.nan_to_num(samples.position_m)
-    return SampleMotion(replace(samples, acceleration_m_s2=acceleration, position_m=position))
+    return SampleMotion(replace(samples, acceleration_m_s2=acceleration, position_m=position), top_m_s)
 
 
 def _load(judged: Judgement, within: Bools, left: float) -> Shortcoming | None:
@@ -243,7 +243,7 @@ def _load(judged: Judgement, within: Bools, left: float) -> Shortcoming | None:
     velocity = samples.velocity_m_s[within]
     smooth = smooth_sign(velocity, judged.top_speed_m_s)
     parts = {"friction": np.column_stack([smooth, velocity, np.ones(velocity.size)])}
-    motion = _motion(samples)
+    motion = _motion(samples, judged.top_speed_m_s)
     reach = float(np.ptp(motion.position_m))
     for name, load in LOADS.items():
         is_known = samples.position_m is not None or load.needs != "position"
