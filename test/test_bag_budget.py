@@ -2,6 +2,7 @@
 
 import bz2
 import os
+import shlex
 import signal
 import sqlite3
 import subprocess
@@ -221,3 +222,13 @@ def test_a_list_of_files_that_is_a_word_is_refused(tmp_path):
     about.write_text(yaml.safe_dump(tree))
     with pytest.raises(InputError, match=r"files is \S+, expected a list of files"):
         read_recording(tmp_path / "run")
+
+
+def test_a_table_is_read_where_less_memory_is_allowed_than_its_reader_would_take(tmp_path):
+    """`ulimit -v` of 900 MB: nobody may raise it, and the reader's own limit would lie above."""
+    t = 0.01 * np.arange(100)
+    savemat(tmp_path / "run.mat", {"t": t, "v": np.sin(t), "f": np.cos(t)})
+    words = ["import", "run.mat", "--out", "out", "--time", "t", "--map", "velocity=v,friction=f"]
+    limited = f"ulimit -v {900 << 10} && exec {shlex.quote(sys.executable)} -m friction_estimator {' '.join(words)}"
+    run = subprocess.run(["/bin/sh", "-c", limited], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr

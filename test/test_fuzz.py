@@ -1,9 +1,9 @@
 """A short sample of the long attack of hard/hard_fuzz.py, with a fixed seed."""
 
-from hard.fuzz_kinds import KINDS
+from hard.fuzz_kinds import KINDS, SLOW
 from hard.fuzzing import attack
 
-INPUTS = dict.fromkeys(KINDS, 20) | {"mat": 8, "parquet": 8}  # of those, each is read by a process of its own
+INPUTS = dict.fromkeys(KINDS, 20) | dict.fromkeys(SLOW, 8)
 
 
 def test_mutated_files_are_read_or_refused_in_one_line(tmp_path):

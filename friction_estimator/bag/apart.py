@@ -96,10 +96,12 @@ def opened(path: Path) -> Iterator[TableFile]:
 
 def _serve(path: Path, folder: Path, seconds: int, answers: IO[str]) -> None:
     """Read the table with limits: the body of the process."""
-    for kind, limit in ((resource.RLIMIT_CPU, seconds), (resource.RLIMIT_CORE, 0)):
-        resource.setrlimit(kind, (limit, limit))
     began_with = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-    resource.setrlimit(resource.RLIMIT_AS, (began_with + _MEMORY, began_with + _MEMORY))
+    limits = {resource.RLIMIT_CPU: seconds, resource.RLIMIT_CORE: 0, resource.RLIMIT_AS: began_with + _MEMORY}
+    for kind, wanted in limits.items():
+        given = resource.getrlimit(kind)[1]  # less under `ulimit -v`, which nobody may raise
+        limit = wanted if given == resource.RLIM_INFINITY else min(wanted, given)
+        resource.setrlimit(kind, (limit, limit))
     try:
         table = _READERS[path.suffix.lower()](path)
         _answer(answers, names=list(table.names))

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from hard import document_kinds
 from hard import mutators as m
+from hard.forked_reader import by_forked_reader
 from hard.fuzzing import Kind
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
@@ -201,8 +202,13 @@ KINDS: dict[str, Kind] = {
     "metadata": Kind(_metadata, _beside_metadata, _play, (m.text_token, m.text_line)),
     "csv": Kind(_csv, _file(".csv"), _import, (m.table_cell, m.text_line, m.text_token)),
     "npz": Kind(_npz, _file(".npz"), _import, (m.npz_member,)),
-    "mat": Kind(_mat, _file(".mat"), _import, (m.mat_element,)),
-    "parquet": Kind(_parquet, _file(".parquet"), _import, (m.parquet_footer,)),
+    "mat": Kind(_mat, _file(".mat"), by_forked_reader(_import), (m.mat_element,)),
+    "mat_as_it_is": Kind(_mat, _file(".mat"), _import, (m.mat_element,)),
+    "parquet": Kind(_parquet, _file(".parquet"), by_forked_reader(_import), (m.parquet_footer,)),
+    "parquet_as_it_is": Kind(_parquet, _file(".parquet"), _import, (m.parquet_footer,)),
     "theory": Kind(_theory_seeds, _file(".csv"), _theory, (m.table_cell, m.text_line, m.text_token)),
     **document_kinds.KINDS,
 }
+
+SLOW = frozenset({"mat_as_it_is", "parquet_as_it_is"})
+"""Each input of these starts an interpreter."""
