@@ -74,6 +74,12 @@ def test_pressure_that_appears_later_changes_nothing_but_is_said():
     assert not warning(replay(with_pressure(drive()), Config()).config, pressure=True)
 
 
+def test_a_seal_on_a_rotary_drive_is_warned_of():
+    given = {"theory.kind": "seal", "basis.velocity_range": [-1.0, 1.0], "force_unit": 1.0}
+    assert "rad/s for m/s" in warning(Config.from_mapping({**given, "input.motion": "rotary"}), pressure=False)
+    assert not warning(Config.from_mapping({**given, "input.motion": "linear"}), pressure=False)
+
+
 def test_with_range_and_unit_given_a_pressure_ends_the_wait_at_once():
     units = Config.from_mapping({"basis.velocity_range": [-0.1, 0.1], "force_unit": 5.0})
     assert meet(units, with_pressure(drive())).samples == 32

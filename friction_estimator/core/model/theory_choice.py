@@ -91,9 +91,14 @@ def told(config: Config, pressure: bool) -> str:
 
 
 def warning(config: Config, pressure: bool) -> str:
-    """Return what to say where samples that came later would have chosen another curve, or nothing."""
+    """Return what to say of a curve in another drive's units, or not the one of later samples; or nothing."""
     if not config.is_parallel or not config.has_units or config.theory_kind == "auto":
         return ""
+    if config.theory_kind == "seal" and config.quantities.is_rotary:
+        return (
+            "theory.kind is seal on a rotary drive: the curve of a reciprocating rod takes rad/s for m/s and its N for "
+            "N m; scale seal.* accordingly, or set theory.kind to stribeck"
+        )
     now = choice(config, pressure)
     if now.kind == config.theory_kind or not pressure:
         return ""
