@@ -6,6 +6,7 @@ are made by `SUPPLIED`.
 
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -101,6 +102,13 @@ def lives(command: Command) -> bool:
     return not exempt(command) and command.text.startswith(UNTIL_STOPPED)
 
 
+def anywhere(command: Command) -> str:
+    """Return a command that runs until it is stopped as it can run beside another suite: a page takes any free port."""
+    words = shlex.split(command.text, comments=True)
+    port = ["--port", "0"] if words[:2] == ["friction_estimator", "watch"] else []
+    return shlex.join([*words, *port])
+
+
 def parameters() -> list[object]:
     """Return the pages that have something to run; those with live nodes are ROS tests."""
     found = []
@@ -151,7 +159,7 @@ def test_the_commands_of_a_page_do_what_it_says(page, clean_copy, tmp_path, monk
                 continue
             if lives(command):
                 log = tmp_path / f"{number}.log"
-                process = ros_graph.Process(["bash", "-c", f"exec {command.text}"], dict(os.environ), log)
+                process = ros_graph.Process(["bash", "-c", f"exec {anywhere(command)}"], dict(os.environ), log)
                 living.append(process)
                 ros_graph.await_(process.output, f"a word of: {command}")
                 continue

@@ -1,5 +1,6 @@
 """What a page says and holds: the light and its reasons, extremes of long signals, the static page."""
 
+import shlex
 import sys
 from dataclasses import replace
 
@@ -19,6 +20,7 @@ from friction_estimator.core.settings.config import Config
 from friction_estimator.report import style
 from friction_estimator.report.page import envelope, learning, look
 from friction_estimator.report.page.content import CAUTION, GOOD, LEVELS, STOP
+from friction_estimator.report.page.replay_page import replay_page
 from friction_estimator.report.page.trust import errors_at_the_end, trust
 
 Q = Quantities()
@@ -26,7 +28,7 @@ Q = Quantities()
 
 def record(n=6000, rate=500.0, noise=0.02, seed=0):
     k = np.arange(n)
-    velocity = 0.1 * np.sin(2 * np.pi * k / rate / 2.0) * (0.6 + 0.4 * np.sin(2 * np.pi * k / rate / 7.0))
+    velocity = 0.1 * np.sin(2 * np.pi * k / rate / 2.0) * (0.6 + 0.4 * np.sin(2 * np.pi * k / rate / 3.0))
     known = 3.0 * np.tanh(velocity / 0.01) + 1.5 * np.sin(80.0 * velocity)  # no curve of the textbook
     friction = known + noise * np.random.default_rng(seed).standard_normal(n)
     return Samples((k * 1e9 / rate).astype(np.int64) + 1, velocity, friction, k == 0)
@@ -87,7 +89,7 @@ def test_a_theory_of_another_machine_and_velocities_never_learned_are_told(repla
     assert "theory.kind none" in advice[0].text
     half = replace(replayed.curve, velocity_m_s=0.3 * replayed.curve.velocity_m_s)
     light, _ = judged(replace(replayed, curve=half))
-    assert "Data support only 30 %" in light.reason
+    assert "Data support only 31 %" in light.reason
 
 
 def test_a_simpler_curve_that_is_closer_elsewhere_is_named(replayed):
@@ -112,6 +114,67 @@ def test_a_simpler_curve_that_is_closer_elsewhere_is_named(replayed):
     assert levels == {
         "none": GOOD, "stribeck": CAUTION, "coulomb": STOP, "nothing fitted": GOOD, "almost": GOOD,
     }  # fmt: skip
+
+
+def score(nrmse, **baselines):
+    known = {"coulomb_viscous": 0.5, "stribeck": 0.5, "stribeck_asymmetric": 0.5, "persistence": 0.01, "theory": None}
+    return FrozenScore(1000, 2.0, nrmse, known | baselines)
+
+
+def test_the_green_light_says_no_more_than_was_seen(replayed):
+    for baselines, words in (
+        ({}, "no simple curve (Coulomb and viscous, Stribeck) is closer, and"),
+        ({"stribeck_asymmetric": 0.199}, "is closer by more than 5 %"),
+        (dict.fromkeys(("coulomb_viscous", "stribeck", "stribeck_asymmetric")), "no simple curve could be fitted"),
+    ):
+        light, _ = trust(replayed, [("there", score(0.2, **baselines))], Q, fitted=False, diverged=False)
+        assert light.level == GOOD
+        assert words in light.reason
+
+
+def test_speeds_that_were_never_learned_are_told_of_the_rest_of_the_record_too(replayed):
+    rest = ~replayed.learned
+    speed = replayed.samples.velocity_m_s * np.where(rest, 3.0, 1.0)
+    light, _ = judged(replace(replayed, samples=replace(replayed.samples, velocity_m_s=speed)))
+    assert light.level != GOOD
+    assert "of what was not learned from is at velocities never learned" in light.reason
+
+
+def test_a_record_that_ends_at_one_speed_is_not_called_wrong(replayed):
+    """Nothing but noise is left about the mean there, for the best of models; nobody knew that mean before."""
+    n = len(replayed.samples)
+    noise = 0.02 * np.random.default_rng(2).standard_normal(n)
+    end = np.arange(n) >= n - n // 5
+    speed = np.where(end, 0.08, replayed.samples.velocity_m_s)
+    force = np.where(end, 3.5 + noise, replayed.samples.friction_N)
+    predicted = np.where(end, 3.5, replayed.predicted_N)
+    samples = replace(replayed.samples, velocity_m_s=speed, friction_N=force)
+    light, _ = judged(replace(replayed, samples=samples, predicted_N=predicted))
+    assert light.level != STOP, light.reason
+    # Another recording at one speed: its own mean, known afterwards, is as close as the model.
+    light, _ = trust(replayed, [("there", replace(score(1.02), spread_N=0.02))], Q, fitted=False, diverged=False)
+    assert light.level == CAUTION
+    assert "hardly varies on there" in light.reason
+    light, _ = trust(replayed, [("there", score(1.02))], Q, fitted=False, diverged=False)
+    assert light.level == STOP
+
+
+def test_a_command_to_run_next_keeps_the_options_and_its_words_whole(replayed):
+    everything = replace(replayed, learned=np.ones(len(replayed.samples), np.bool_))
+    summary = {"law": "rls", "theory": "stribeck", "bags": ["my rig; ls"], **everything.figures()}
+    words = ["friction_estimator", "replay", "my rig; ls", "--topic", "velocity=/v"]
+    for typed, start in ((words, shlex.join(words)), ((), "friction_estimator replay 'my rig; ls'")):
+        page = replay_page(everything, [], summary, Q, [], [], [], words=typed)
+        assert page.advice[0].command == f"{start} --test OTHER_RECORDING"
+
+
+def test_numbers_on_a_page_have_no_exponents_that_nobody_reads(replayed):
+    end = np.arange(len(replayed.samples)) >= 4800
+    noise = np.random.default_rng(3).standard_normal(end.size)
+    off = wrong(replayed, np.where(end, 104.0 * noise / np.std(noise[end]), 0.0))
+    page = replay_page(off, [], {"law": "rls", "theory": "stribeck", "bags": ["a"], **off.figures()}, Q, [], [], [])
+    assert "±100 N rms" in page.verdict
+    assert "e+0" not in f"{page}"
 
 
 def test_each_level_has_a_sign_and_a_word_of_its_own():

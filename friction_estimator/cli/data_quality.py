@@ -9,6 +9,7 @@ from friction_estimator.bag.read import Recording
 from friction_estimator.bag.statistics import StreamStatistics, describe
 from friction_estimator.core.quantities import FORCE, POSITION, VELOCITY, Quantities
 from friction_estimator.core.settings.config import Config
+from friction_estimator.core.text import number
 from friction_estimator.report.page.content import Section
 
 HEAD = ("input", "topic", "messages", "rate", "jitter", "gaps", "longest step", "stamps", "range")
@@ -22,8 +23,8 @@ def data_quality(recordings: Sequence[Recording], config: Config, q: Quantities,
     """Return the section; `counts` is `samples` of the JSON."""
     rows: list[Sequence[object]] = [HEAD]
     notes: list[str] = []
-    for number, recording in enumerate(recordings, start=1):
-        place = f"{number}. " if len(recordings) > 1 else ""
+    for place_in_order, recording in enumerate(recordings, start=1):
+        place = f"{place_in_order}. " if len(recordings) > 1 else ""
         for name, stream in recording.streams.items():
             figures = describe(stream, config.sync)
             stamps = "of the header" if stream.stamped else "none: time of recording"
@@ -42,11 +43,15 @@ def _figures(figures: StreamStatistics, stamps: str, name: str, q: Quantities) -
         _number(figures.rate_hz, "Hz"),
         _number(1e3 * figures.jitter_s, "ms"),
         str(figures.gaps),
-        _number(1e3 * figures.longest_gap_s, "ms"),
+        _time(figures.longest_gap_s),
         "; ".join([stamps, *found]),
-        f"{low:.4g} to {high:.4g} {q.unit(unit)}" if np.isfinite(low) else "-",
+        f"{number(low, '.4g')} to {number(high, '.4g')} {q.unit(unit)}" if np.isfinite(low) else "-",
     )
 
 
+def _time(seconds: float) -> str:
+    return _number(seconds, "s") if seconds >= 1.0 else _number(1e3 * seconds, "ms")
+
+
 def _number(value: float, unit: str) -> str:
-    return f"{value:.4g} {unit}" if np.isfinite(value) else "-"
+    return f"{number(value, '.4g')} {unit}" if np.isfinite(value) else "-"

@@ -2,9 +2,11 @@
 
 import argparse
 import re
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -19,10 +21,13 @@ from friction_estimator.output.layout import Layout, only
 
 if TYPE_CHECKING:
     from friction_estimator.bag.read import Recording
+    from friction_estimator.bag.samples import Admitted
     from friction_estimator.diagnosis.result import Diagnosis
     from friction_estimator.effects.detection import Fault
+    from friction_estimator.report.page.content import Section
 
 EXTENDED = "extended.yaml"
+Loaded: TypeAlias = "tuple[Recording, Admitted, list[Fault]]"
 _HEADS = ("samples", "rate (Hz)", "held out", "extended")
 _MARK = re.compile(r'\{\s*"schema": "friction_estimator/diagnosis/\d+"')
 
@@ -65,6 +70,7 @@ def refusal(folder: Path) -> str | None:
 
 def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
     # scipy takes a second to import: `--help` needs none of it.
+    from friction_estimator.cli.data_quality import data_quality  # noqa: PLC0415
     from friction_estimator.cli.recorded import tell_theory  # noqa: PLC0415
     from friction_estimator.diagnosis.diagnose import diagnose  # noqa: PLC0415
     from friction_estimator.diagnosis.extend import is_offered  # noqa: PLC0415
@@ -75,7 +81,7 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
     loaded = [_load(bag, args, config, output) for bag in args.bags]
     config = settled(config, [recording for recording, _, _ in loaded])
     quantities = common.quantities_from(args, config)
-    recordings = [samples for _, samples, _ in loaded]
+    recordings = [admitted.samples for _, admitted, _ in loaded]
     faults = {fault.name: fault for _, _, found in loaded for fault in found}
     with about(", ".join(args.bags)), progress("diagnosing", 100, unit="%") as advance:
         shown = 0
@@ -93,14 +99,21 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
     extended = str(Path(args.out) / EXTENDED) if args.out and is_offered(result) else None
     summary = as_json(result, args.bags, {}, extended, quantities)
     if args.out:
-        judged = judged_by(args.bags, extended, args.config)
+        judged = judged_by(args.bags, extended, args.config, _reading(args))
         with output.part() as folder:
-            summary = _write(folder, args, result, quantities, extended, judged)
+            data = data_quality([recording for recording, _, _ in loaded], config, quantities, _counts(loaded))
+            summary = _write(folder, args, result, quantities, extended, judged, data)
         for line in judged:
             output.say(line)
         output.say(f"written: {args.out}")
     output.result(summary)
     return _outcome(summary, recordings)
+
+
+def _reading(args: argparse.Namespace) -> list[str]:
+    """Return the options that say how the recordings are read, for another command over them."""
+    topics = [word for topic in args.topic for word in ("--topic", topic)]
+    return topics + (["--joint", args.joint] if args.joint else [])
 
 
 def _outcome(summary: dict[str, Any], recordings: list[Samples]) -> joints.Outcome:
@@ -118,9 +131,7 @@ def _outcome(summary: dict[str, Any], recordings: list[Samples]) -> joints.Outco
     return joints.Outcome(0 if decided else 1, cells, summary["verdict"] + (f": {why}" if why else ""), decided)
 
 
-def _load(
-    bag: str, args: argparse.Namespace, config: Config, output: common.Outlet
-) -> tuple["Recording", Samples, list["Fault"]]:
+def _load(bag: str, args: argparse.Namespace, config: Config, output: common.Outlet) -> Loaded:
     """Return one recording, its usable samples and the faults of its stamps; a steady offset is taken out."""
     from friction_estimator.bag.read import read_recording  # noqa: PLC0415
     from friction_estimator.bag.samples import to_samples  # noqa: PLC0415
@@ -145,7 +156,16 @@ def _load(
     )
     if not len(admitted.samples) or not np.isfinite(admitted.samples.velocity_m_s).any():
         raise UnanswerableError(f"{bag}: no usable sample; see `friction_estimator info {bag}`")
-    return recording, admitted.samples, streams.counted(facts)
+    return recording, admitted, streams.counted(facts)
+
+
+def _counts(loaded: Sequence[Loaded]) -> dict[str, Any]:
+    """Return `samples` of the JSON of a replay, over all recordings."""
+    rejected: Counter[str] = Counter()
+    for _, admitted, _ in loaded:
+        rejected.update(admitted.rejected)
+    read, used = (sum(numbers) for numbers in zip(*((a.read, len(a.samples)) for _, a, _ in loaded), strict=True))
+    return {"read": read, "used": used, "rejected": {reason: count for reason, count in rejected.items() if count}}
 
 
 def _write(
@@ -155,6 +175,7 @@ def _write(
     quantities: Quantities,
     extended: str | None,
     judged: list[str],
+    data: "Section",
 ) -> dict[str, Any]:
     """Write the diagnosis into `folder`, which is made here and will be `--out`; return its summary."""
     from friction_estimator.cli.provenance import provenance  # noqa: PLC0415
@@ -179,6 +200,6 @@ def _write(
     figures = {name: str(Path(args.out) / "figures" / path.name) for name, path in drawn.items()}
     summary = as_json(result, args.bags, figures, extended, quantities)
     (folder / "summary.json").write_text(common.to_json(summary) + "\n", encoding="utf-8")
-    details = provenance(args.words, [Path(bag) for bag in args.bags], result.config)
+    details = [data, *provenance(args.words, [Path(bag) for bag in args.bags], result.config)]
     write_page(folder / "report.html", diagnosis_page(result, args.bags, quantities, drawn, judged, details))
     return summary

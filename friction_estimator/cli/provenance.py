@@ -37,7 +37,7 @@ def provenance(words: Sequence[str], recordings: Iterable[Path], config: Config 
         changed = [
             (name, _told(item.of(config)), config.quantities.si.unit(item.unit) if item.of_drive else item.unit)
             for name, item in PARAMETERS.items()
-            if item.of(config) != item.default
+            if item.of(config) != item.default and not name.startswith("learned.")
         ]
         table: list[Sequence[object]] = [("parameter", "value", "unit"), *changed]
         text = "What differs from the defaults; values that were learned are in config.yaml beside this page."

@@ -98,7 +98,7 @@ def write_results(
     ]
     scores = side_by_side.scores_of(result)
     elsewhere = [*loads.section(result.loads, quantities), *_on_other_data(result, quantities)]
-    page = replay_page(result, scores, summary, quantities, figures, elsewhere, details, fitted=fitted)
+    page = replay_page(result, scores, summary, quantities, figures, elsewhere, details, fitted=fitted, words=words)
     write_page(folder / "report.html", page)
 
 

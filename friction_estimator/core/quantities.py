@@ -14,6 +14,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from friction_estimator.core.errors import ConfigError
+from friction_estimator.core.text import number
 
 LINEAR, ROTARY = "linear", "rotary"
 
@@ -122,8 +123,8 @@ def quantity(si: float | Iterable[float], linear: str, digits: str = ".4g") -> s
     >>> Quantities(LINEAR).worded(f"runs at {quantity((0.1, 0.25), VELOCITY)}")
     'runs at 0.1 to 0.25 m/s'
     """
-    numbers = list(si) if isinstance(si, Iterable) else [si]
-    return f"{{{':'.join(repr(float(number)) for number in numbers)} |{linear}|{digits}}}"
+    ends = list(si) if isinstance(si, Iterable) else [si]
+    return f"{{{':'.join(repr(float(end)) for end in ends)} |{linear}|{digits}}}"
 
 
 def either(linear: str) -> str:
@@ -254,7 +255,7 @@ class Quantities:
 
     def text(self, si: float, linear: str, digits: str = ".4g") -> str:
         """Return a number in SI units in words: the reader's number and its unit."""
-        return f"{self.value(si, linear):{digits}} {self.unit(linear)}"
+        return f"{number(self.value(si, linear), digits)} {self.unit(linear)}"
 
     def worded(self, text: str) -> str:
         """Return a text with its numbers (see `quantity`), `{force}` and `{mass}` in words."""
@@ -264,14 +265,14 @@ class Quantities:
             noun, numbers, unit, digits = match.groups()
             if noun:
                 return nouns[noun]
-            shown = (f"{self.value(float(number), unit):{digits}}" for number in numbers.split(":"))
+            shown = (number(self.value(float(si), unit), digits) for si in numbers.split(":"))
             return f"{' to '.join(shown)} {self.unit(unit)}"
 
         return _MEANT.sub(told, text)
 
     def range_text(self, ends: Iterable[float], linear: str, digits: str = ".4g") -> str:
         """Return an interval in words: [lowest, highest] and the unit."""
-        told = ", ".join(f"{self.value(end, linear):{digits}}" for end in ends)
+        told = ", ".join(number(self.value(end, linear), digits) for end in ends)
         return f"[{told}] {self.unit(linear)}"
 
     def _converted(self, linear: str) -> tuple[str, float]:

@@ -6,6 +6,9 @@ LONGEST = 2000
 LONGEST_PARAGRAPH = 20_000
 """Characters of a paragraph or a line of a result: it may hold a command with many recordings, which is copied."""
 
+PLAIN_BELOW = 1e6
+"""Numbers below this are told without an exponent (`number`)."""
+
 LONGEST_NAME = 200
 """Characters of one name or value within such a line."""
 
@@ -41,6 +44,16 @@ def shown(text: object, limit: int = LONGEST) -> str:
     head = (limit - len(left_out)) * 2 // 3
     tail = limit - len(left_out) - head
     return _fitting(whole[:head], head) + left_out + _fitting(whole[-tail:], tail, from_end=True)
+
+
+def number(value: float, digits: str) -> str:
+    """Return a number as `format` does, but in plain digits up to a million: 100, not 1e+02, for 104 in two digits.
+
+    >>> number(104.2, ".2g"), number(446_083.0, ".4g"), number(0.0312, ".2g"), number(2.5e9, ".2g")
+    ('100', '446100', '0.031', '2.5e+09')
+    """
+    text = f"{value:{digits}}"
+    return f"{float(text):.0f}" if "e+" in text and abs(value) < PLAIN_BELOW else text
 
 
 def is_utf8(text: str) -> bool:

@@ -1,9 +1,11 @@
 """The diagnosis as plain data (`diagnose --json`) and as sentences for a test engineer."""
 
+import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from friction_estimator.core.quantities import FORCE, Quantities
+from friction_estimator.core.text import number
 from friction_estimator.diagnosis.held_out import Gain
 from friction_estimator.diagnosis.result import NOTHING_FOUND, UNDECIDABLE, UNEXPLAINED, Diagnosis, Found
 from friction_estimator.effects.base import EFFECTS
@@ -90,21 +92,24 @@ def _gain(gain: Gain | None) -> dict[str, Any] | None:
     }
 
 
-def judged_by(bags: Sequence[str], extended_model: str | None, config: str | None) -> list[str]:
+def judged_by(
+    bags: Sequence[str], extended_model: str | None, config: str | None, options: Sequence[str] = ()
+) -> list[str]:
     """Return in words how the extended model is judged on a recording that it has not seen, nothing where none is.
 
     Parameters
     ----------
     bags : that were diagnosed. extended_model : file or None. config : of the diagnosis, or None.
+    options : others that say how the recordings are read, such as --topic.
     """
     if extended_model is None:
         return []
-    learned = f"friction_estimator replay {' '.join(bags)} --test OTHER"
-    given = f" --config {config}" if config else ""
+    learned = shlex.join(["friction_estimator", "replay", *bags, "--test", "OTHER", *options])
+    given = f" --config {shlex.quote(config)}" if config else ""
     return [
         "To judge the extended model on a recording OTHER that neither has seen, compare the test errors of these two:",
         f"{learned}{given}",
-        f"{learned} --config {extended_model}",
+        f"{learned} --config {shlex.quote(extended_model)}",
     ]
 
 
@@ -133,7 +138,7 @@ def fault_sentence(fault: Fault, quantities: Quantities) -> str:
 
 
 def _quantity(quantities: Quantities, name: str, value: float, unit: str, low: float, high: float) -> str:
-    told, *ends = (f"{quantities.value(number, unit):.4g}" for number in (value, low, high))
+    told, *ends = (number(quantities.value(one, unit), ".4g") for one in (value, low, high))
     noun = quantities.mass_noun if name == "mass" else name.replace("_", " ")
     return f"{noun} {told} {quantities.unit(unit)}".rstrip() + f" ({' to '.join(ends)})"
 

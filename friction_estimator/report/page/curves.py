@@ -99,18 +99,21 @@ class Channel:
     values: Floats
 
 
-def against(channel: Channel, residual: Floats, used: Bools, q: Quantities, bins: int = 0) -> Chart:
-    """Return the residual (n,), in the reader's units, against a channel: density, mean and scatter in bins."""
+def against(channel: Channel, residual: Floats, used: Bools, q: Quantities, which: str) -> Chart:
+    """Return the residual (n,), in the reader's units, against a channel: density, mean and scatter in bins.
+
+    `which` says in words which samples are `used`.
+    """
     name = channel.label.split(" (", maxsplit=1)[0]
     return Chart(
         f"Against {name}",
-        f"What is left, by {name}: all samples, their mean, and the range of one standard deviation about it. A mean "
+        f"What is left, by {name}: {which}, their mean, and the range of one standard deviation about it. A mean "
         "that leaves zero is friction that the model does not know.",
-        lambda: _against(channel, residual, used, q, bins),
+        lambda: _against(channel, residual, used, q),
     )
 
 
-def _against(channel: Channel, residual: Floats, used: Bools, q: Quantities, bins: int) -> UIElement:
+def _against(channel: Channel, residual: Floats, used: Bools, q: Quantities) -> UIElement:
     use = used & np.isfinite(channel.values) & np.isfinite(residual)
     x, y = channel.values[use], residual[use]
     edge = 1.15 * float(np.quantile(np.abs(y), 0.998)) if y.size else 1.0
@@ -123,7 +126,7 @@ def _against(channel: Channel, residual: Floats, used: Bools, q: Quantities, bin
     if not x.size or ends[1] <= ends[0]:
         return target
     counted(target, x, y, ends, (-edge, edge))
-    at, mean, scatter = binned(x, y, bins)
+    at, mean, scatter = binned(x, y)
     look.band(target, at, mean - scatter, mean + scatter, "residual", "± one standard deviation", 0.2)
     drawn = look.line(target, at, mean, "residual", "mean", line_width=2.0)
     look.hover(target, [drawn], [(channel.label, "@x{0.0000}"), ("mean", f"@y{{0.0000}} {q.force}")], "vline")

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from friction_estimator.core.quantities import FORCE, VELOCITY, Quantities
-from friction_estimator.core.text import LONGEST_NAME, shown
+from friction_estimator.core.text import LONGEST_NAME, number, shown
 from friction_estimator.diagnosis.held_out import Gain
 from friction_estimator.diagnosis.result import EFFECTS_FOUND, NOTHING_FOUND, UNDECIDABLE, UNEXPLAINED, Diagnosis, Found
 from friction_estimator.effects.base import EFFECTS
@@ -66,14 +66,16 @@ def diagnosis_page(
         sections.append(Section("What is left", cards=[left]))
     if judged:
         sections.append(_extended(judged))
-    sections += [_not_found(result, q), _shown(result, q), *details]
+    if result.verdict != UNDECIDABLE:  # where it is, nothing was looked for
+        sections.append(_not_found(result, q))
+    sections += [_shown(result, q), *details]
     return Page(
         title="Diagnosis",
         lead="What the model of this friction gets wrong, and why, over "
         + ", ".join(shown(bag, LONGEST_NAME) for bag in bags),
         verdict=_verdict(result, spread, q),
         light=_light(result),
-        advice=_advice(result),
+        advice=_advice(result, q),
         facts=_facts(result, spread, q),
         sections=sections,
     )
@@ -92,9 +94,7 @@ def _verdict(result: Diagnosis, spread: float, q: Quantities) -> str:
     before, floor = (q.text(share * spread, FORCE, ".2g") for share in (result.nrmse_holdout, result.noise_floor))
     names = [plain(found.name).lower() for found in _all(result)]
     if result.verdict == UNDECIDABLE:
-        return (
-            "These recordings cannot answer: " + "; ".join(result.excitation.warnings or ("too little motion",)) + "."
-        )
+        return "These recordings cannot answer; what they lack stands below."
     if result.verdict == NOTHING_FOUND:
         return (
             f"Nothing found: the model errs by ±{before} rms on samples that it never saw, the noise alone is ±{floor}."
@@ -136,7 +136,7 @@ def _light(result: Diagnosis) -> Light:
     return Light(NEUTRAL, f"What is left above the noise is {result.unexplained_percent:.0f} % of the error.", "Found")
 
 
-def _advice(result: Diagnosis) -> list[Advice]:
+def _advice(result: Diagnosis, q: Quantities) -> list[Advice]:
     out = [Advice(f"Next experiment, for {found.experiment}.") for found in result.effects if found.experiment]
     out += [
         Advice(f"Record {channel}: {EFFECTS[name].words.what} may be the cause, and only that tells.")
@@ -144,11 +144,13 @@ def _advice(result: Diagnosis) -> list[Advice]:
     ]
     if result.verdict != EFFECTS_FOUND:
         out += [Advice(f"{text[0].upper()}{text[1:]}.") for text in result.excitation.warnings]
-    return out
+    return [Advice(q.worded(one.text)) for one in out]
 
 
 def _facts(result: Diagnosis, spread: float, q: Quantities) -> list[tuple[str, str, str]]:
-    out = [("error, unseen samples", q.text(result.nrmse_holdout * spread, FORCE, ".3g"), _share(result.nrmse_holdout))]
+    # Nothing was held out of data that cannot answer.
+    judged = "error of the fit" if result.verdict == UNDECIDABLE else "error, unseen samples"
+    out = [(judged, q.text(result.nrmse_holdout * spread, FORCE, ".3g"), _share(result.nrmse_holdout))]
     if result.total_gain is not None:
         after = result.total_gain.nrmse_after
         out.append(("with what was found", q.text(after * spread, FORCE, ".3g"), _share(after)))
@@ -238,8 +240,9 @@ def _whole(result: Diagnosis, q: Quantities) -> Chart:
 
 
 def _value(q: Quantities, name: str, value: float, unit: str, low: float, high: float) -> tuple[str, str, str]:
-    told, least, most = (f"{q.value(number, unit):.4g}" for number in (value, low, high))
-    return name.replace("_", " "), f"{told} {q.unit(unit)}".rstrip(), f"{least} to {most} with 95 % confidence"
+    told, least, most = (number(q.value(one, unit), ".4g") for one in (value, low, high))
+    noun = q.mass_noun if name == "mass" else name.replace("_", " ")
+    return noun, f"{told} {q.unit(unit)}".rstrip(), f"{least} to {most} with 95 % confidence"
 
 
 def _fault_card(fault: Fault, q: Quantities, files: Mapping[str, Path]) -> Card:
@@ -303,5 +306,5 @@ def _shown(result: Diagnosis, q: Quantities) -> Section:
         ("cycles", str(found.cycles)),
         ("channels", ", ".join(found.channels)),
     ]
-    notes = [f"{text[0].upper()}{text[1:]}." for text in (*found.warnings, *found.notes)]
+    notes = [q.worded(f"{text[0].upper()}{text[1:]}.") for text in (*found.warnings, *found.notes)]
     return Section("What the recordings can show", notes, rows)

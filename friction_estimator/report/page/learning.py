@@ -29,9 +29,9 @@ def noise_floor(force_N: Floats, restart: Bools) -> float:
 
 def error_by_cycle(result: Replay, q: Quantities, fitted: bool) -> Chart:
     """Return the error of each cycle beside what it must be read beside."""
-    when = "of the fit" if fitted else "while learning"
+    when = " of the fit" if fitted else " while learning" if result.learned.all() else ""
     return Chart(
-        f"Error {when}, cycle by cycle",
+        f"Error{when}, cycle by cycle",
         "Rms error of each drive cycle (tenths of the record where the drive is not periodic). The noise floor is what "
         "is white in the measured friction, found without a model: no honest prediction goes below it.",
         lambda: _errors(result, q),

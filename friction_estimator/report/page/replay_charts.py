@@ -90,7 +90,8 @@ def _left(result: Replay, q: Quantities) -> list[Chart]:
     residual = look.in_units(q, envelope.readable(result.residual_N, usual), FORCE)
     late = np.ones(residual.size, np.bool_)
     late[: residual.size // 5] = False  # the first fifth shows how it was learned, not what the model cannot know
-    return [curves.against(channel, residual, late, q) for channel in curves.channels(result, q)]
+    which = "all samples after the first fifth of the record"
+    return [curves.against(channel, residual, late, q, which) for channel in curves.channels(result, q)]
 
 
 def _taps(result: Replay) -> list[Chart]:

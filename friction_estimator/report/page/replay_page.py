@@ -1,5 +1,6 @@
 """The page of `replay`, of the demonstration and of `identify`."""
 
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from friction_estimator.core import metrics
 from friction_estimator.core.fit.frozen_score import FrozenScore
 from friction_estimator.core.online.replay import Replay
 from friction_estimator.core.quantities import FORCE, Quantities
-from friction_estimator.core.text import LONGEST_NAME, shown
+from friction_estimator.core.text import LONGEST_NAME, number, shown
 from friction_estimator.report.page import trust
 from friction_estimator.report.page.content import Advice, Chart, Page, Section
 from friction_estimator.report.page.write import is_interactive
@@ -26,6 +27,7 @@ def replay_page(
     details: Sequence[Section],
     *,
     fitted: bool = False,
+    words: Sequence[str] = (),
 ) -> Page:
     """Return the page of a replay, or of a fit that is written as one.
 
@@ -35,20 +37,20 @@ def replay_page(
     files : figures for where there are no charts. elsewhere : sections on what was predicted without learning.
     details : sections on the data and on the run.
     fitted : True for a batch fit: its samples were all known, and none was predicted before it was used.
+    words : the command line, which advice repeats with more options; one is made of the recordings where there is none.
     """
     light, advice = trust.trust(result, scores, q, fitted=fitted, diverged=summary["diverged"])
-    advice = [_with_command(one, summary) for one in advice]
+    advice = [_with_command(one, summary, words) for one in advice]
     charts: Mapping[str, Sequence[Chart]] = {}
     if is_interactive():
         from friction_estimator.report.page.replay_charts import replay_charts  # noqa: PLC0415
 
         charts = replay_charts(result, q, fitted)
-    model = f"{result.config.structure} (theoretical curve {summary['theory']})"
     what = "fitted to all samples at once" if fitted else f"law {summary['law']}"
     bags = ", ".join(shown(bag, LONGEST_NAME) for bag in summary["bags"])
     return Page(
         title="Friction identified" if fitted else "Friction estimated",
-        lead=f"{model} model, {what}, over {bags}",
+        lead=f"{result.config.structure} model, {what}, over {bags}; theoretical curve: {summary['theory']}",
         verdict=_verdict(result, scores, q, fitted),
         light=light,
         advice=advice,
@@ -67,14 +69,14 @@ def replay_page(
     )
 
 
-def _with_command(advice: Advice, summary: Mapping[str, Any]) -> Advice:
-    """Return advice whose command is whole: the verb over the same recordings."""
+def _with_command(advice: Advice, summary: Mapping[str, Any], words: Sequence[str]) -> Advice:
+    """Return advice whose command is whole: the one that made the page, with all its options, and what to add."""
     if not advice.command:
         return advice
     verb = "identify" if summary["law"] == "batch" else "replay"
+    again = words if list(words[1:2]) == [verb] else ["friction_estimator", verb, *summary["bags"]]
     more = {"--test": "--test OTHER_RECORDING"}.get(advice.command, advice.command)
-    bags = " ".join(shown(bag, LONGEST_NAME) for bag in summary["bags"])
-    return Advice(advice.text, f"friction_estimator {verb} {bags} {more}")
+    return Advice(advice.text, f"{shlex.join(again)} {more}")
 
 
 def _verdict(result: Replay, scores: list[tuple[str, FrozenScore]], q: Quantities, fitted: bool) -> str:
@@ -82,7 +84,10 @@ def _verdict(result: Replay, scores: list[tuple[str, FrozenScore]], q: Quantitie
     verb = "Fitted" if fitted else "Predicted"
     if not np.isfinite(errors.model) or errors.model > 1e6 * errors.spread:
         return "The estimate diverged: its predictions mean nothing."
-    text = f"{verb} to ±{q.text(errors.model, FORCE, '.2g')} rms, {_percent(errors.share)} of its spread"
+    text = (
+        f"{verb} to ±{q.text(errors.model, FORCE, '.2g')} rms over the last fifth of the record, "
+        f"{_percent(errors.share)} of the friction's spread there"
+    )
     theory = errors.rivals.get("theory")
     if theory is not None and errors.model > 0.0:
         text += f"; {_times(theory / errors.model)} than the theory"
@@ -90,14 +95,14 @@ def _verdict(result: Replay, scores: list[tuple[str, FrozenScore]], q: Quantitie
     if known is not None and errors.model > 0.0:
         text += f"{',' if theory is not None else ';'} {_times(known / errors.model)} than Coulomb and viscous friction"
     for name, score in scores[:2]:
-        where = f"on {shown(name, 60)}" if name in {o.name for o in result.others} else name.replace("--", "")
+        where = f"on {shown(name, 60)}"
         error = q.text(score.nrmse * score.spread_N, FORCE, ".2g")
         text += f"; {where}, without learning: ±{error}"
     return text + "."
 
 
 def _percent(share: float) -> str:
-    return f"{100 * share:.2g} %"
+    return f"{number(100 * share, '.2g')} %"
 
 
 def _times(factor: float) -> str:
@@ -106,7 +111,9 @@ def _times(factor: float) -> str:
         return "not comparable"
     if 1.0 / trust.CLEARLY < factor < trust.CLEARLY:
         return "no better"
-    return f"{factor:.2g} times better" if factor >= 1.0 else f"{1.0 / max(factor, 1e-12):.2g} times worse"
+    if factor >= 1.0:
+        return f"{number(factor, '.2g')} times better"
+    return f"{number(1.0 / max(factor, 1e-12), '.2g')} times worse"
 
 
 def _facts(
@@ -118,7 +125,7 @@ def _facts(
     out.append(("error, all samples", q.text(whole, FORCE, ".3g"), f"nrmse {summary['nrmse']:.4f}"))
     for name, score in scores[:2]:
         error = q.text(score.nrmse * score.spread_N, FORCE, ".3g")
-        out.append((f"without learning, {shown(name, 40)}", error, f"{_percent(score.nrmse)} of the spread"))
+        out.append((f"without learning, on {shown(name, 40)}", error, f"{_percent(score.nrmse)} of the spread"))
     known = errors.rivals.get("coulomb_viscous")
     if known is not None:
         out.append(("Coulomb and viscous, fitted", q.text(known, FORCE, ".3g"), "last fifth, for comparison"))

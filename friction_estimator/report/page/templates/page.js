@@ -34,8 +34,9 @@
     drawn.set(place.id, null);
     const item = JSON.parse(document.getElementById(place.id + "-data").textContent);
     item.target_id = place.id;
-    await Bokeh.embed.embed_item(item);
-    const doc = Bokeh.documents[Bokeh.documents.length - 1];
+    // Of its own view: several charts are drawn at a time, and any of them may be the last of `Bokeh.documents`.
+    const [view] = await Bokeh.embed.embed_item(item);
+    const doc = view.model.document;
     drawn.set(place.id, doc);
     dress(doc);
     if (place.classList.contains("explorer")) explorers.push(explore(place, doc));
