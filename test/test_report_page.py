@@ -282,3 +282,20 @@ def test_formats_of_figures_are_those_that_are_drawn(bag, capsys):
 def test_units_of_a_rotary_drive_are_on_the_page(replayed):
     light, _ = judged(wrong(replayed, 0.8 * np.std(replayed.samples.friction_N) * np.ones(6000)), Quantities(ROTARY))
     assert " N m rms" in light.reason
+
+
+def test_a_diagnosis_that_cannot_answer_claims_no_search(tmp_path):
+    t = np.arange(2400) / 200.0
+    speed = 0.05 + 0.04 * np.sin(2 * np.pi * t / 3.0)
+    force = 2.0 + 8.0 * speed + 0.02 * np.random.default_rng(0).standard_normal(t.size)
+    np.savez(tmp_path / "one way.npz", t=t, v=speed, f=force)
+    bag, out = str(tmp_path / "one way"), tmp_path / "out"
+    words = ["import", f"{bag}.npz", "--out", bag, "--time", "t", "--map", "velocity=v,friction=f"]
+    assert main(words) == 0
+    assert main(["diagnose", bag, "--out", str(out)]) == 1
+    said = pages.words((out / "report.html").read_text())
+    assert "a bias of the force sensor cannot be told" in said
+    assert "{" not in said
+    assert "looked for and not found" not in said
+    assert "error of the fit" in said
+    assert "2400 samples used of 2400; refused: none" in said
