@@ -10,7 +10,7 @@ from friction_estimator.effects import EFFECTS, Effect
 from friction_estimator.rig.plant import PLANTS
 from friction_estimator.rig.profiles import Geometry
 
-CATALOGUE = tuple(name for name, cls in EFFECTS.items() if cls.size_key and cls.stage != "stamps")
+CATALOGUE = tuple(name for name, cls in EFFECTS.items() if cls.size_key and cls.stage != "stamps" and not cls.rotary)
 """Effects that a simulated recording can hide by size."""
 
 TIMES = ("time_delay", "velocity_delay", "sensor_lowpass", "frictional_lag")

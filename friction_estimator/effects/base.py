@@ -100,6 +100,7 @@ class Effect:
     reveals : the variable against which one sees the effect (a field of `Features`).
     turns : True where the effect changes its sign with the direction of motion: one sees it in the residual taken
         in that direction.
+    rotary : True where only a shaft that turns can have it.
     channel : recorded channel without which the effect cannot be named ("position", "pressure" or "").
     signs : sign of each column's coefficient, +1 or -1 where physics fixes it, 0 where it is free.
     fixed_gain : True where the columns are the whole change (coefficient one), as for a delay.
@@ -130,6 +131,7 @@ class Effect:
     words: ClassVar[Words]
     reveals: ClassVar[str] = "time_s"
     turns: ClassVar[bool] = False
+    rotary: ClassVar[bool] = False
     channel: ClassVar[str] = ""
     signs: ClassVar[tuple[int, ...]] = (0,)
     fixed_gain: ClassVar[bool] = False

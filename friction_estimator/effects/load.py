@@ -48,6 +48,7 @@ class Gravity(Effect):
         Key("angle", "rad", 0.0, -math.pi, math.pi, "position at which the weight hangs straight down"),
     )
     size_key = "torque"
+    rotary = True
     reveals = "position_m"
     words = Words(
         "the measured {force} also carries a weight whose share follows the position",
@@ -98,6 +99,7 @@ class LoadDependence(Effect):
     family = "load"
     stage = "friction"
     turns = True
+    rotary = True
     keys = (
         Key("friction", "N", 0.1, 0.0, 1e9, "friction that the largest load adds"),
         Key("angle", "rad", 0.0, -math.pi, math.pi, "position at which the weight hangs straight down, without load"),
