@@ -212,6 +212,12 @@ def test_extremes_are_kept_and_no_row_reaches_over_a_gap(n, rows, breaks, seed):
     assert made.samples_per_row * len(made.columns["time_s"]) >= n
 
 
+def test_a_cycle_with_two_buttons_is_kept_once():
+    first, last = slice(0, 10), slice(80, 90)
+    assert envelope.pieces_of(100, [first, first, last], 8192) == [first, last]
+    assert envelope.pieces_of(100, [first], 4) == [slice(3, 7)]
+
+
 def test_what_runs_away_does_not_flatten_the_rest():
     values = np.array([0.1, -0.2, 1e300, np.inf, np.nan])
     assert envelope.readable(values, 1.0)[:3].tolist() == [0.1, -0.2, envelope.SURE]

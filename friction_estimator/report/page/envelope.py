@@ -117,10 +117,10 @@ def readable(values: Floats, usual: float) -> Floats:
 
 
 def pieces_of(length: int, parts: Sequence[slice], most: int) -> list[slice]:
-    """Return the parts within `length` samples, each cut to the `most` samples at its middle."""
+    """Return the parts within `length` samples, each once and cut to the `most` samples at its middle."""
     out = []
-    for part in parts:
-        start, stop, _ = part.indices(length)
+    # The first cycle is often the worst one, too.
+    for start, stop, _ in dict.fromkeys(part.indices(length) for part in parts):
         spare = max(0, (stop - start) - most) // 2
         out.append(slice(start + spare, min(stop, start + spare + most)))
     return out
