@@ -18,7 +18,7 @@ from friction_estimator.core.quantities import ROTARY, Quantities
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.report import style
-from friction_estimator.report.page import envelope, learning, look
+from friction_estimator.report.page import curves, envelope, learning, look
 from friction_estimator.report.page.content import CAUTION, GOOD, LEVELS, STOP
 from friction_estimator.report.page.replay_page import replay_page
 from friction_estimator.report.page.trust import errors_at_the_end, trust
@@ -305,3 +305,15 @@ def test_a_diagnosis_that_cannot_answer_claims_no_search(tmp_path):
     assert "looked for and not found" not in said
     assert "error of the fit" in said
     assert "2400 samples used of 2400; refused: none" in said
+
+
+def test_a_mean_is_not_drawn_over_what_nobody_measured():
+    x = np.concatenate([np.linspace(0.0, 1.0, 2000), np.linspace(3.0, 4.0, 2000)])
+    at, mean, scatter = curves.binned(x, np.where(x < 2.0, 1.0, -1.0))
+    assert (np.diff(at) >= 0.0).all()
+    gap = np.flatnonzero(np.isnan(mean))
+    assert gap.size == 2
+    assert at[gap[1]] - at[gap[0]] > 1.8
+    assert (scatter[gap] == 0.0).all()
+    at, mean, _ = curves.binned(np.linspace(0.0, 1.0, 4000), np.ones(4000))
+    assert np.isfinite(mean).all()

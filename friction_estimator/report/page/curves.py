@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from bokeh.models import UIElement
@@ -21,6 +22,9 @@ FEWEST_IN_BIN = 25
 
 BINS = (24, 400)
 """Fewest and most bins of a mean: many, since a ripple finer than the bins would show as one that is not there."""
+
+BRIDGED = 2
+"""Bins in a row with too few samples that a mean is drawn across."""
 
 
 def friction_map(result: Replay, q: Quantities) -> Chart:
@@ -127,14 +131,15 @@ def _against(channel: Channel, residual: Floats, used: Bools, q: Quantities) -> 
         return target
     counted(target, x, y, ends, (-edge, edge))
     at, mean, scatter = binned(x, y)
-    look.band(target, at, mean - scatter, mean + scatter, "residual", "± one standard deviation", 0.2)
-    drawn = look.line(target, at, mean, "residual", "mean", line_width=2.0)
+    drawn = mean_line(target, (at, mean, scatter), "residual", "mean")
     look.hover(target, [drawn], [(channel.label, "@x{0.0000}"), ("mean", f"@y{{0.0000}} {q.force}")], "vline")
     return target
 
 
 def binned(x: Floats, y: Floats, bins: int = 0) -> tuple[Floats, Floats, Floats]:
     """Return middle, mean and standard deviation in even bins of x that hold enough samples.
+
+    Where several bins in a row hold too few, rows of NaN and 0 at either end of the gap stand for them.
 
     Parameters
     ----------
@@ -149,7 +154,23 @@ def binned(x: Floats, y: Floats, bins: int = 0) -> tuple[Floats, Floats, Floats]
     middle, mean = (np.bincount(cell, weights=w, minlength=count) / many for w in (x, y))
     square = np.bincount(cell, weights=np.square(y), minlength=count) / many
     scatter = np.sqrt(np.maximum(square - np.square(mean), 0.0))
-    return middle[keep], mean[keep], scatter[keep]
+    kept = np.flatnonzero(keep)
+    begins = np.flatnonzero(np.diff(kept) > BRIDGED + 1)
+    # Just behind the last bin before a gap, and just before the first one after it.
+    behind, before = (middle[kept[begins + one]] for one in (0, 1))
+    at = np.insert(middle[keep], np.repeat(begins + 1, 2), np.column_stack([behind, before]).ravel())
+    gap = np.repeat(begins + 1, 2)
+    return at, np.insert(mean[keep], gap, np.nan), np.insert(scatter[keep], gap, 0.0)
+
+
+def mean_line(target: look.Plot, bins: tuple[Floats, Floats, Floats], name: str, label: str, alpha: float = 0.2) -> Any:
+    """Draw the mean in bins (see `binned`) with the range of a standard deviation about it; return the line."""
+    at, mean, scatter = bins
+    # A fill does not end at NaN as a line does: in a gap it is a line of no height.
+    middle, gaps = mean.copy(), np.flatnonzero(~np.isfinite(mean))
+    middle[gaps[::2]], middle[gaps[1::2]] = mean[gaps[::2] - 1], mean[gaps[1::2] + 1]
+    look.band(target, at, middle - scatter, middle + scatter, name, "± one standard deviation", alpha)
+    return look.line(target, at, mean, name, label, line_width=2.0)
 
 
 def channels(result: Replay, q: Quantities) -> Sequence[Channel]:

@@ -110,10 +110,8 @@ def _pair(
         )
         if ends[1] > ends[0]:
             curves.counted(target, x, y, ends, (-edge, edge))
-            at, mean, scatter = curves.binned(x, y, bins)
             name = "theory" if word == "before" else "predicted"
-            look.band(target, at, mean - scatter, mean + scatter, name, "± one standard deviation", 0.18)
-            drawn = look.line(target, at, mean, name, f"mean, {word}", line_width=2.0)
+            drawn = curves.mean_line(target, curves.binned(x, y, bins), name, f"mean, {word}")
             if word == "before":
                 there, off, _ = curves.binned(x, before - after, bins)
                 look.line(target, there, off, "text", "what the effect takes off", line_dash="dashed")

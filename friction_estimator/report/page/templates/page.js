@@ -24,9 +24,19 @@
       for (const name of ["major_label_text_color", "axis_line_color", "major_tick_line_color"]) set(model, name, quiet);
       for (const name of ["grid_line_color", "outline_line_color"]) set(model, name, rule);
       if (model.type === "ColorBar") model.setv({ bar_line_color: rule, visible: innerWidth >= 700 });
-      // A row of names would hang over the edge of a phone.
-      if (model.type === "Legend") model.setv(innerWidth < 700 ? { orientation: "vertical", ncols: 1 } : { orientation: "horizontal", ncols: "auto" });
+      if (model.type === "Figure" || model.type === "Plot") for (const legend of model.above) if (legend.type === "Legend") fold(model, legend);
     }
+  }
+
+  // A row of names would hang over the edge of a phone: they stand below each other there, and the chart is as much
+  // higher, or its names would leave no room for its lines.
+  const heights = new WeakMap();
+  function fold(plot, legend) {
+    if (!heights.has(plot)) heights.set(plot, plot.height);
+    const narrow = innerWidth < 700, many = legend.items.length;
+    const columns = legend.items.every((item) => (item.label.value ?? "").length < 8) ? 3 : 1;
+    legend.setv(narrow ? { orientation: "vertical", ncols: columns, nrows: "auto" } : { orientation: "horizontal", ncols: "auto", nrows: "auto" });
+    plot.height = heights.get(plot) + (narrow ? 20 * (Math.ceil(many / columns) - 1) : 0);
   }
 
   async function draw(place) {
@@ -133,7 +143,8 @@
       const to = Math.min(table.time.length, place_of(table.time, end) + 3);
       const full = table.samples === 1, time = [], rows = [];
       for (let k = from; k < to; k++) {
-        if (table.gap[k] && k > from) { time.push(NaN); rows.push(-1); }
+        // A fill does not end at NaN as a line does: in a gap the band is a line of no height from one end to the other.
+        if (table.gap[k] && k > from) { time.push(table.time[k - 1], table.time[k]); rows.push(-k, -k); }
         time.push(table.time[k]); rows.push(k);
         if (!full) { time.push(table.time[k]); rows.push(k); }
       }
@@ -144,7 +155,8 @@
         let second = false;
         for (let i = 0; i < rows.length; i++) {
           second = !full && i > 0 && rows[i] === rows[i - 1];
-          values[i] = rows[i] < 0 ? NaN : one_sided ? one_sided[rows[i]] : second ? high[rows[i]] : low[rows[i]];
+          if (rows[i] < 0) values[i] = one_sided ? centre(table.signals, rows[i + 1] === rows[i] ? -rows[i] - 1 : -rows[i]) : NaN;
+          else values[i] = one_sided ? one_sided[rows[i]] : second ? high[rows[i]] : low[rows[i]];
         }
         data[name] = values;
       }
@@ -154,6 +166,8 @@
         : `Each step of the lines is the lowest and the highest of up to ${table.samples} samples; zoom in, or take one of the cycles, for every sample.`;
       place.dataset.samples = table.samples;
     }
+
+    const centre = ({ band_low, band_high }, row) => (band_low.low[row] + band_high.high[row]) / 2;
 
     function fit(panel, from, to) {
       let least = Infinity, most = -Infinity;
