@@ -17,6 +17,7 @@ ALLOWED = {
     "core": {"compiled", "compiling"},
     "threads": set(),
     "streams": {"core"},
+    "tasks": {"core", "threads"},
     "output": {"core"},
     "documents": {"core", "output"},
     "effects": {"compiled", "core"},
@@ -25,7 +26,8 @@ ALLOWED = {
     "diagnosis": {"core", "effects", "rig"},
     "paper": {"core", "rig"},
     "export": {"core"},
-    "report": {"core", "effects", "rig", "diagnosis", "paper"},
+    "sweep": {"core", "documents", "effects", "bag"},
+    "report": {"core", "effects", "rig", "diagnosis", "paper", "sweep"},
     "ros": {"core", "threads", "streams", "output", "documents", "effects", "bag", "report", "diagnosis", "rig"},
     "cli": {
         "compiling",
@@ -40,6 +42,8 @@ ALLOWED = {
         "bag",
         "diagnosis",
         "export",
+        "tasks",
+        "sweep",
         "report",
         "ros",
     },
@@ -57,7 +61,14 @@ ALLOWED_IN_CORE = {
     "online": {"fit", "model", "intake", "settings", "top"},
 }
 
-HOME = {"rclpy": {"ros"}, "rosbags": {"bag"}, "matplotlib": {"report"}, "bokeh": {"report"}, "jinja2": {"report"}}
+HOME = {
+    "rclpy": {"ros"},
+    "rosbags": {"bag"},
+    "matplotlib": {"report"},
+    "bokeh": {"report"},
+    "jinja2": {"report"},
+    "distributed": {"tasks"},
+}
 
 MODULES = sorted(PACKAGE.rglob("*.py"))
 

@@ -1,4 +1,4 @@
-"""Processes that compute for a verb: results in order, one thread each, and an end with the verb whatever they do."""
+"""Processes that compute tasks: one thread each, each loss is one task's, and an end with the verb whatever they do."""
 
 import os
 import signal
@@ -8,11 +8,17 @@ import time
 from pathlib import Path
 
 import pytest
+from marked_tasks import twice
+
+from friction_estimator.tasks import local
+from friction_estimator.tasks.local import LocalWorkers
+from friction_estimator.tasks.task import LOST, Task, TaskError
 
 SCRIPT = """
 import os, pathlib, sys, time
 from friction_estimator.cli.terminal import guarded
-from friction_estimator.cli.workers import Task, run_tasks
+from friction_estimator.tasks.local import LocalWorkers
+from friction_estimator.tasks.task import Task
 
 def spin(folder):
     (pathlib.Path(folder) / str(os.getpid())).touch()
@@ -20,7 +26,9 @@ def spin(folder):
         sum(range(1000))
 
 def body():
-    run_tasks([Task((k,), spin, (sys.argv[1],)) for k in range(4)], lambda done: None)
+    with LocalWorkers(2) as workers:
+        for done in workers.run([Task(k, spin, (sys.argv[1],)) for k in range(4)]):
+            pass
     return 0
 
 if __name__ == "__main__":
@@ -46,7 +54,7 @@ def is_running(pid):
 
 @pytest.fixture
 def busy(tmp_path):
-    """Return a process whose two workers compute without end, and the workers' ids."""
+    """Return a process whose two workers compute without end, and the folder with the workers' ids."""
     script, marks = tmp_path / "script.py", tmp_path / "marks"
     script.write_text(SCRIPT)
     marks.mkdir()
@@ -58,12 +66,15 @@ def busy(tmp_path):
         start_new_session=True,
     )
     try:
-        expected = min(2, os.cpu_count())
-        until(lambda: len(list(marks.iterdir())) == expected)
-        yield process, [int(mark.name) for mark in marks.iterdir()]
+        until(lambda: len(list(marks.iterdir())) == 2)
+        yield process, marks
     finally:
         process.kill()
         process.communicate()
+
+
+def ids(marks):
+    return [int(mark.name) for mark in marks.iterdir()]
 
 
 @pytest.mark.parametrize(
@@ -78,24 +89,62 @@ def busy(tmp_path):
     ],
 )
 def test_a_signal_ends_the_verb_and_its_workers_while_they_compute(busy, number, group, code, said):
-    process, workers = busy
+    process, marks = busy
     (os.killpg if group else os.kill)(process.pid, number)
     out, err = process.communicate(timeout=LIMIT_S)
     assert (process.returncode, out, err) == (code, "", said)
-    until(lambda: not any(map(is_running, workers)))
+    until(lambda: not any(map(is_running, ids(marks))))
 
 
 def test_workers_end_when_the_verb_is_killed(busy):
-    process, workers = busy
+    process, marks = busy
     process.kill()
     process.communicate(timeout=LIMIT_S)
-    until(lambda: not any(map(is_running, workers)))
+    until(lambda: not any(map(is_running, ids(marks))))
 
 
-def test_a_worker_that_is_killed_ends_the_verb_in_one_line(busy):
-    process, workers = busy
-    os.kill(workers[0], signal.SIGKILL)
-    _, err = process.communicate(timeout=LIMIT_S)
-    assert process.returncode == 2
-    assert err == "verb: a worker process was killed, for want of memory perhaps; run it again\n"
-    until(lambda: not any(map(is_running, workers)))
+def test_a_worker_that_is_killed_is_replaced_and_the_other_computes_on(busy):
+    process, marks = busy
+    killed, other = ids(marks)
+    os.kill(killed, signal.SIGKILL)
+    until(lambda: len(ids(marks)) == 3)
+    assert process.poll() is None
+    assert is_running(other)
+
+
+def test_a_lost_worker_costs_its_task_only_and_a_task_that_loses_two_has_failed(tmp_path):
+    with LocalWorkers(2) as workers:
+        done = {one.task.key: one for one in workers.run(Task(k, twice, (k, tmp_path)) for k in range(15))}
+    assert sorted(done) == list(range(15))
+    for key, one in done.items():
+        if key not in (5, 6, 13):
+            assert (one.result, one.failure) == (2 * key, None)
+    assert (done[5].failure.problem, done[5].failure.code) == ("here: five; take six", 2)
+    assert done[6].failure.code == 70
+    assert "ZeroDivisionError" in done[6].failure.problem
+    assert "1 / 0" in done[6].failure.trace
+    assert done[13].failure.problem == LOST
+    marks = [path.stem for path in tmp_path.iterdir()]
+    assert sorted(marks) == sorted([*map(str, range(15)), "7", "13"])  # nothing else was computed twice
+    assert {path.read_text().split()[0] for path in tmp_path.iterdir()} == {"1"}
+
+
+def test_a_process_that_holds_much_memory_is_replaced(tmp_path, monkeypatch):
+    def processes(limit):
+        folder = tmp_path / str(limit)
+        folder.mkdir()
+        monkeypatch.setattr(local, "LARGEST_IDLE", limit)
+        with LocalWorkers(1) as workers:
+            assert [one.result for one in workers.run(Task(k, twice, (k, folder)) for k in range(3))] == [0, 2, 4]
+        return len({path.read_text().split()[1] for path in folder.iterdir()})
+
+    assert processes(1) == 3
+    assert processes(1 << 40) == 1
+
+
+def test_a_failure_where_all_are_needed_keeps_its_code_and_its_trace(tmp_path):
+    with LocalWorkers(1) as workers:
+        (done,) = workers.run([Task(6, twice, (6, tmp_path))])
+    error = TaskError(done.failure)
+    assert error.exit_code == 70
+    assert "1 / 0" in str(error.__cause__)

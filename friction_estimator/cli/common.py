@@ -10,13 +10,14 @@ from contextlib import AbstractContextManager
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 from friction_estimator.cli.terminal import EXIT_CODES, Parser, say, say_document, warn
 from friction_estimator.core.errors import ConfigError, InputError
 from friction_estimator.core.quantities import Quantities, unit_named
 from friction_estimator.core.settings.config import Config, retired
 from friction_estimator.documents.configuration import config_of, read_parameters
+from friction_estimator.output.journal import Journal
 from friction_estimator.output.run import RunOutput
 from friction_estimator.output.staging import Refusal
 from friction_estimator.streams import ClosedStdout
@@ -141,10 +142,20 @@ def config_from(
 
     Of a configuration for several joints it is that of `--joint`, or of `input.joint`.
     """
+    given = read_parameters(args.config) if args.config else None
+    return config_with(given, args, overrides, warned)
+
+
+def config_with(
+    given: Mapping[str, Any] | None,
+    args: argparse.Namespace,
+    overrides: Mapping[str, object] | None = None,
+    warned: Callable[[str], None] = warn,
+) -> Config:
+    """Return the configuration of parameters `given` in the file of `--config`, None where there is none."""
     config = Config()
     values = dict(overrides or {})
-    if args.config:
-        given = read_parameters(args.config)
+    if given is not None:
         joint = args.joint if args.joint is not None else given.get("input.joint")
         config = config_of(given, args.config, joint if isinstance(joint, str) else "")
         for line in retired(given):
@@ -203,6 +214,7 @@ class Output:
     out : value of `--out`.
     refusal : why a folder that stands under `out` may not be replaced (see `RunOutput`); None for a single file.
     inputs : what the verb reads (see `paths_read`).
+    resumes : whether what an unfinished run has computed is kept (see `RunOutput`).
     """
 
     def __init__(
@@ -211,9 +223,11 @@ class Output:
         out: str | None = None,
         refusal: Refusal | None = None,
         inputs: Sequence[str] = (),
+        *,
+        resumes: bool = False,
     ) -> None:
         self._prints = json_target == "-"
-        self._files = RunOutput(out, refusal, None if self._prints else json_target, inputs)
+        self._files = RunOutput(out, refusal, None if self._prints else json_target, inputs, resumes=resumes)
 
     def __enter__(self) -> "Output":
         """Check and lock what is written; raises InputError."""
@@ -229,6 +243,10 @@ class Output:
     def part(self) -> AbstractContextManager[Path]:
         """Yield where to build what `out` names; it is in place when the block ends without an exception."""
         return self._files.part()
+
+    def journal(self) -> Journal:
+        """Return what this run, or one like it that was not finished, has computed."""
+        return self._files.journal()
 
     def say(self, text: str = "") -> None:
         """Print a line for the reader: on stdout, or on stderr where stdout carries JSON."""

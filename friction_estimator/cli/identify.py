@@ -9,7 +9,7 @@ import numpy as np
 from friction_estimator.cli import common, joints, loads, side_by_side
 from friction_estimator.cli.progress import progress
 from friction_estimator.cli.recorded import Session, add_run_options, load, outputs, tell_theory, tell_units
-from friction_estimator.cli.replay import extension_as_met, judged, summarise
+from friction_estimator.cli.replay import judged, summarise
 from friction_estimator.core.errors import ConfigError, about
 from friction_estimator.core.fit.batch import BatchFit, fit_batch
 from friction_estimator.core.intake.standstill import standstill
@@ -20,7 +20,7 @@ from friction_estimator.core.online.first_contact import chosen, refined
 from friction_estimator.core.online.replay import Replay, check_answerable, curves_of, replay
 from friction_estimator.core.sample import Bools
 from friction_estimator.core.settings.config import Config
-from friction_estimator.effects.extension import extension_from_config
+from friction_estimator.effects.extension import extension_as_met, extension_from_config
 
 SCHEMA = "friction_estimator/identify/2"
 

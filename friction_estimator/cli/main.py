@@ -21,6 +21,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "play": ("play", "publish a recording to the live node"),
     "replay": ("replay", "the estimator over a recording, as fast as the machine goes"),
     "diagnose": ("diagnose", "what the simulation gets wrong: named cause, extended model, gain"),
+    "sweep": ("sweep", "configurations over recordings, ranked where they did not learn"),
     "identify": ("identify", "batch reference fit: the best this structure can do on this record"),
     "reproduce": ("reproduce", "the paper's Figs. 3-6 and a table of its claims"),
     "export": ("export", "what was learned, for a controller or a simulator, with its error"),

@@ -9,11 +9,8 @@ from friction_estimator.cli.progress import progress
 from friction_estimator.cli.recorded import Described, Session, add_run_options, load, outputs, tell_theory, tell_units
 from friction_estimator.core.errors import about
 from friction_estimator.core.model.theory_choice import has_pressure, told
-from friction_estimator.core.online.first_contact import meet
 from friction_estimator.core.online.replay import Replay, replay
-from friction_estimator.core.sample import Samples
-from friction_estimator.core.settings.config import Config
-from friction_estimator.effects.extension import ExtensionTerms, extension_from_config
+from friction_estimator.effects.extension import extension_as_met, extension_from_config
 
 SCHEMA = "friction_estimator/replay/2"
 
@@ -69,11 +66,6 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
         output.say(f"{'written':<12}{args.out}: bag/, figures/, report.html, summary.json, config.yaml")
     output.result(summary)
     return joints.outcome(summary, result)
-
-
-def extension_as_met(config: Config, samples: Samples) -> ExtensionTerms | None:
-    """Return the terms of `extension.terms` beside the model that these samples open with, as the node has them."""
-    return extension_from_config(meet(config, samples).config) if config.extension.terms else None
 
 
 def judged(session: Session, result: Replay) -> Replay:

@@ -9,7 +9,6 @@ from typing import Any
 
 from friction_estimator.cli import common
 from friction_estimator.cli.progress import progress
-from friction_estimator.cli.workers import Task, run_tasks
 from friction_estimator.core.errors import InputError
 from friction_estimator.output.layout import Layout
 from friction_estimator.paper import bases, convergence, landscape, shape, structure
@@ -17,6 +16,8 @@ from friction_estimator.paper.claims import Claim, Interval
 from friction_estimator.paper.runs import run_recording
 from friction_estimator.paper.study import COMPANDED, MODELS, PLAIN, Plan, Study, assemble
 from friction_estimator.rig.drive import CONDITIONS
+from friction_estimator.tasks.local import LocalWorkers, usable_cores
+from friction_estimator.tasks.task import Task, TaskError
 
 SCHEMA = "friction_estimator/claims/1"
 
@@ -24,6 +25,9 @@ FEW_SEEDS, PLAIN_SEEDS = 3, 6
 """Recordings of each condition for the claim on orders, which takes six fits each, and for g learned elsewhere; and for
 what the paper's own basis changes, where the share of seeds needs six of them to be told from one half.
 """
+
+WORKERS = 2
+"""Processes at the most."""
 
 PAPER_FIGURES, JUDGED_FIGURE = tuple(f"figure_{number}" for number in range(3, 7)), "figure_judged"
 """Those that the paper has, and the errors while learning, frozen and elsewhere in one."""
@@ -74,8 +78,14 @@ def run(args: argparse.Namespace) -> int:
 def _run(args: argparse.Namespace, output: common.Output) -> int:
     plan = Plan(seeds=args.seeds, seconds=args.seconds)
     tasks = plan_tasks(plan)
-    with progress("reproducing", len(tasks), "tasks") as advance:
-        results = run_tasks(tasks, advance)
+    results: dict[Any, Any] = {}
+    with progress("reproducing", len(tasks), "tasks") as advance, LocalWorkers(min(WORKERS, usable_cores())) as workers:
+        for done in workers.run(tasks):
+            if done.failure is not None:
+                raise TaskError(done.failure)
+            results[done.task.key] = done.result
+            advance(1)
+    results = {task.key: results[task.key] for task in tasks}
     study, claims = judge(plan, results)
     for claim in claims:
         modes = ", ".join(

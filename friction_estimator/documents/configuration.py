@@ -20,32 +20,33 @@ PARAMETERS = "ros__parameters"
 _ROS_OWN = ("use_sim_time", "start_type_description_service")
 
 _VALUE = {"type": ["boolean", "number", "string", "null"]}
-PARAMETER_FILE = Schema(
-    {
-        "$ref": "#/$defs/nodes",
-        "$defs": {
-            "nodes": {
-                "type": "object",
-                "description": f"the name of a node, {PARAMETERS} below it, and NAME: VALUE below that",
-                "properties": {PARAMETERS: {"$ref": "#/$defs/group"}},
-                "additionalProperties": {"$ref": "#/$defs/nodes"},
-            },
-            "group": {
-                "type": "object",
-                "description": "NAME: VALUE",
-                "additionalProperties": {
-                    "if": {"type": "object"},
-                    "then": {"allOf": [{"$ref": "#/$defs/group"}, {"minProperties": 1, "description": "a value"}]},
-                    "else": {
-                        "if": {"type": "array"},
-                        "then": {"items": {**_VALUE, "description": "a number or a word"}},
-                        "else": _VALUE,
-                    },
+PARAMETER_FILE_RULES: dict[str, Any] = {
+    "$ref": "#/$defs/nodes",
+    "$defs": {
+        "nodes": {
+            "type": "object",
+            "description": f"the name of a node, {PARAMETERS} below it, and NAME: VALUE below that",
+            "properties": {PARAMETERS: {"$ref": "#/$defs/group"}},
+            "additionalProperties": {"$ref": "#/$defs/nodes"},
+        },
+        "group": {
+            "type": "object",
+            "description": "NAME: VALUE",
+            "additionalProperties": {
+                "if": {"type": "object"},
+                "then": {"allOf": [{"$ref": "#/$defs/group"}, {"minProperties": 1, "description": "a value"}]},
+                "else": {
+                    "if": {"type": "array"},
+                    "then": {"items": {"$ref": "#/$defs/items"}},
+                    "else": {"$ref": "#/$defs/value"},
                 },
             },
         },
-    }
-)
+        "items": {**_VALUE, "description": "a number or a word"},
+        "value": _VALUE,
+    },
+}
+PARAMETER_FILE = Schema(PARAMETER_FILE_RULES)
 """Nodes by name or by namespace and name, their parameters in groups or under dotted names; lists are of single values,
 as rcl reads them."""
 
@@ -65,7 +66,7 @@ class Dumper(yaml.SafeDumper):
 Dumper.add_representer(Word, lambda dumper, word: dumper.represent_scalar("tag:yaml.org,2002:str", word, style="'"))
 
 
-def load_parameter_file(path: str | os.PathLike[str]) -> dict[str, Any]:
+def load_parameter_file(path: str | os.PathLike[str], schema: Schema = PARAMETER_FILE) -> dict[str, Any]:
     """Return the tree of a ROS parameter file; an empty one is none.
 
     Raises InputError where the file cannot be read, ConfigError where it is no parameter file.
@@ -73,11 +74,13 @@ def load_parameter_file(path: str | os.PathLike[str]) -> dict[str, Any]:
     tree = load_yaml(path)
     if tree is None:
         return {}
-    PARAMETER_FILE.check(tree, shown(path), ConfigError)
+    schema.check(tree, shown(path), ConfigError)
     return dict(tree)
 
 
-def read_parameters(path: str | os.PathLike[str], node: str = "friction_estimator") -> dict[str, Any]:
+def read_parameters(
+    path: str | os.PathLike[str], node: str = "friction_estimator", schema: Schema = PARAMETER_FILE
+) -> dict[str, Any]:
     """Read a ROS parameter file into dotted names; relative paths in it become relative to the file.
 
     Sections `/**` and then the node's own are merged, the latter wins. The node's own is the one of its name, in any
@@ -86,7 +89,7 @@ def read_parameters(path: str | os.PathLike[str], node: str = "friction_estimato
     Raises InputError where the file cannot be read, ConfigError where it is no parameter file.
     """
     source = Path(path)
-    tree = load_parameter_file(source)
+    tree = load_parameter_file(source, schema)
     if not tree:
         return {}
     sections = {name: flatten(section[PARAMETERS]) for name, section in tree.items() if PARAMETERS in section}
@@ -101,8 +104,12 @@ def read_parameters(path: str | os.PathLike[str], node: str = "friction_estimato
     for name in ("/**", *own):
         values |= sections.get(name, {})
     for name, value in values.items():
-        if isinstance(value, str) and value and name.endswith(PATHS):
-            values[name] = str(source.resolve().parent / value)
+        if name.endswith(PATHS):
+            here = source.resolve().parent
+            if isinstance(value, list):
+                values[name] = [str(here / item) if isinstance(item, str) and item else item for item in value]
+            elif isinstance(value, str) and value:
+                values[name] = str(here / value)
     return values
 
 

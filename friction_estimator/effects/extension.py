@@ -18,6 +18,7 @@ from friction_estimator.core.model.basis import basis_from_config
 from friction_estimator.core.model.structure import check_count, theory_scale
 from friction_estimator.core.model.theory import theory_from_config
 from friction_estimator.core.model.theory_seal import SealCurve
+from friction_estimator.core.online.first_contact import meet
 from friction_estimator.core.sample import Bools, Floats, Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import NO_VELOCITY
@@ -222,6 +223,11 @@ def extension_from_config(config: Config) -> ExtensionTerms | None:
     ConfigError : a term that cannot be used.
     """
     return ExtensionTerms(config) if config.extension.terms else None
+
+
+def extension_as_met(config: Config, samples: Samples) -> ExtensionTerms | None:
+    """Return the terms of `extension.terms` beside the model that these samples open with, as the node has them."""
+    return extension_from_config(meet(config, samples).config) if config.extension.terms else None
 
 
 def sign_velocity(config: Config, top_m_s: float) -> float:

@@ -6,6 +6,7 @@ from pathlib import Path
 from types import TracebackType
 
 from friction_estimator.core.errors import InputError
+from friction_estimator.output.journal import Journal
 from friction_estimator.output.paths import StrPath, is_stream, refuse_inputs, resolved
 from friction_estimator.output.staging import Refusal
 from friction_estimator.output.target import Target
@@ -20,6 +21,7 @@ class RunOutput:
     refusal : why a folder that stands under `out` may not be replaced; None where `out` is a single file.
     document : file of the JSON document; None for none.
     inputs : what the run reads: no output may be one of these, hold one or lie in one.
+    resumes : whether what an unfinished run has computed is kept in a journal (see `Staging`).
 
     Raises
     ------
@@ -33,9 +35,11 @@ class RunOutput:
         refusal: Refusal | None = None,
         document: StrPath | None = None,
         inputs: Iterable[StrPath] = (),
+        *,
+        resumes: bool = False,
     ) -> None:
         self._out, self._document, self._inputs = out, document, tuple(inputs)
-        self._set = None if out is None else Target(out, refusal)
+        self._set = None if out is None else Target(out, refusal, resumes=resumes)
         self._text = None if document is None else Target(document)
         self._held = ExitStack()
 
@@ -70,6 +74,11 @@ class RunOutput:
         assert self._set is not None, "a run without --out has no set"
         with self._set.part() as part:
             yield part
+
+    def journal(self) -> Journal:
+        """Return the journal of what this run, or one like it that was not finished, has computed."""
+        assert self._set is not None, "a run without --out has no journal"
+        return Journal(self._set.journal)
 
     def write_document(self, text: str) -> None:
         """Write the JSON document, where one is asked for: the last thing that a run writes."""

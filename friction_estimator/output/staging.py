@@ -17,7 +17,7 @@ from friction_estimator.core.text import LONGEST_NAME, shown
 from friction_estimator.output.exchange import exchange, put_file, put_folder, remove_tree, restore
 
 _HEADER = "friction_estimator/staging/1\n"
-_OWNER, _NEW, _FORMER = "owner", "new", "former"
+_OWNER, _NEW, _FORMER, _JOURNAL = "owner", "new", "former", "rows"
 
 _LONGEST_NAME = 200
 """Bytes of an output's name that the name of its staging folder repeats; file systems allow 255."""
@@ -46,11 +46,15 @@ class Staging:
     behind: who takes it next sweeps it, and removes it at the end. It is known by its content, not by its name alone: a
     folder of that name that lacks the header is somebody else's and is left alone.
 
+    What an unfinished run has computed may outlive it here, as a journal (`output.journal`): whoever takes the folder
+    next goes on with it, or, where it does not resume, sweeps it like the rest.
+
     On a file system without locks everyone gets the folder: two writers at once are then not kept apart.
 
     Parameters
     ----------
     target : the output's path, without links (see `output.paths.resolved`).
+    resumes : whether the journal of an unfinished run is kept: found on entry, left behind until `finish`.
 
     Examples
     --------
@@ -65,8 +69,9 @@ class Staging:
     [] ['a.json']
     """
 
-    def __init__(self, target: Path) -> None:
+    def __init__(self, target: Path, *, resumes: bool = False) -> None:
         self.target = target
+        self._resumes = resumes
         name = target.name
         if len(os.fsencode(name)) > _LONGEST_NAME:
             name = hashlib.sha256(os.fsencode(name)).hexdigest()
@@ -105,15 +110,29 @@ class Staging:
             self.release()
             raise
 
+    @property
+    def journal(self) -> Path:
+        """The journal's file; whoever holds the folder writes it."""
+        return self.folder / _JOURNAL
+
+    def finish(self) -> None:
+        """Remove the journal: what it was kept for is in place."""
+        remove_tree(self.journal)
+
     def release(self) -> None:
-        """Remove the folder, and the parents that were made for nothing; whoever wants it next may have it."""
+        """Remove the folder, and the parents that were made for nothing; whoever wants it next may have it.
+
+        A folder with the journal of an unfinished run stays.
+        """
         if self._descriptor is not None:
             for name in (_NEW, _FORMER):
                 remove_tree(self.folder / name)
-            with suppress(OSError):
-                (self.folder / _OWNER).unlink()
-            with suppress(OSError):
-                self.folder.rmdir()
+            if not (self._resumes and self.journal.exists()):
+                self.finish()
+                with suppress(OSError):
+                    (self.folder / _OWNER).unlink()
+                with suppress(OSError):
+                    self.folder.rmdir()
             os.close(self._descriptor)
             self._descriptor = None
         for parent in reversed(self._made):
@@ -223,15 +242,17 @@ class Staging:
     def _sweep(self) -> None:
         restore(self.target, self.folder / _FORMER)
         for name in os.listdir(self.folder):
-            if name != _OWNER:
+            if name != _OWNER and not (self._resumes and name == _JOURNAL):
                 remove_tree(self.folder / name)
 
     def _sign(self) -> None:
         assert self._descriptor is not None
         command = shlex.join([os.path.basename(sys.argv[0]), *sys.argv[1:]])
         text = f"{_HEADER}process {os.getpid()} ({shown(command, LONGEST_NAME)})\n"
-        os.ftruncate(self._descriptor, 0)
-        os.pwrite(self._descriptor, text.encode(), 0)
+        signed = text.encode()
+        # Never empty once it was signed: beside a journal an empty one would be somebody else's.
+        os.pwrite(self._descriptor, signed, 0)
+        os.ftruncate(self._descriptor, len(signed))
 
 
 def refuse(target: Path, refusal: Refusal) -> None:

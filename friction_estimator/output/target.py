@@ -21,14 +21,15 @@ class Target:
     ----------
     path : as the user gave it. A link stays one; a device or a pipe gets the bytes of the file.
     refusal : for a folder: says why one that stands there may not be replaced. None for a file.
+    resumes : for a folder: whether the journal of an unfinished run is kept, and left behind by one.
 
     Raises
     ------
     InputError on entry where it cannot be written or may not be replaced, InUseError where another process writes it.
     """
 
-    def __init__(self, path: StrPath, refusal: Refusal | None = None) -> None:
-        self._given, self._refusal = path, refusal
+    def __init__(self, path: StrPath, refusal: Refusal | None = None, *, resumes: bool = False) -> None:
+        self._given, self._refusal, self._resumes = path, refusal, resumes
         self._staging: Staging | None = None
 
     def __enter__(self) -> "Target":
@@ -41,7 +42,7 @@ class Target:
             _refuse_fixed(path)
         elif path.is_dir():
             raise InputError(f"cannot write {self._given}: a folder stands there; choose another name")
-        self._staging = Staging(path)
+        self._staging = Staging(path, resumes=self._resumes)
         self._staging.take()
         return self
 
@@ -66,6 +67,13 @@ class Target:
         else:
             with self._staging.replacement(self._refusal) as part:
                 yield part
+            self._staging.finish()
+
+    @property
+    def journal(self) -> Path:
+        """The file of the journal of this run, for a folder that was entered."""
+        assert self._staging is not None, "there is a journal while the output is held"
+        return self._staging.journal
 
 
 @contextmanager

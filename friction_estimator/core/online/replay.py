@@ -172,6 +172,14 @@ class Replay:
         """What in the record the model cannot follow, and what helps."""
         return shortcomings(self._judgement)
 
+    def predict(self, samples: Samples, extension: Extension | None = None) -> Floats:
+        """Predict another recording with the values learned, frozen, (n,) N; see `judge`."""
+        parameters = self.parameters
+        if extension is not None:
+            weights = np.where(extension.phases, 0.0, parameters.extension_weights)
+            parameters = replace(parameters, extension_weights=weights)
+        return predict(samples, self.estimator.config, parameters, extension)
+
     def judge(self, name: str, samples: Samples, extension: Extension | None = None) -> Judged:
         """Predict another recording with the values learned, frozen; delay lines start afresh, nothing changes here.
 
@@ -199,11 +207,7 @@ class Replay:
                 f"{name}: friction is constant at {self.config.quantities.text(samples.friction_N[scored][0], FORCE)} "
                 f"in all {count} samples: there is nothing to judge by; is it the right topic, axis or joint?"
             )
-        parameters = self.parameters
-        if extension is not None:
-            weights = np.where(extension.phases, 0.0, parameters.extension_weights)
-            parameters = replace(parameters, extension_weights=weights)
-        predicted = predict(samples, config, parameters, extension)
+        predicted = self.predict(samples, extension)
         theory = None if self.theory_N is None else self.estimator.model.theoretical_friction(samples)
         return Judged(name, samples, predicted, frozen_score(samples, predicted, theory, scored, self.baseline_curves))
 

@@ -72,6 +72,29 @@ class Bar:
 
 
 @dataclass(frozen=True)
+class Whisker:
+    """A value with its interval, drawn in a cell of a table.
+
+    Attributes
+    ----------
+    value, low, high : of the figure. reach : left and right end of the cell, the same in a column.
+    text : the same in words, for who cannot see it. quiet : drawn pale.
+    """
+
+    value: float
+    low: float
+    high: float
+    reach: tuple[float, float]
+    text: str
+    quiet: bool = False
+
+    def place(self, value: float) -> float:
+        """Return where a value stands in the cell, percent from the left; what is beyond stands at the end."""
+        left, right = self.reach
+        return 100.0 * min(max((value - left) / (right - left), 0.0), 1.0) if right > left else 50.0
+
+
+@dataclass(frozen=True)
 class Card:
     """One finding of a diagnosis, told as a story.
 
@@ -101,7 +124,7 @@ class Section:
 
     Attributes
     ----------
-    table : rows of cells; the first row is the head.
+    table : rows of cells, a `Whisker` is drawn; the first row is the head.
     commands : to be copied. folded : True where only the heading shows until it is asked for.
     files : (figure, caption), shown beside charts too.
     """

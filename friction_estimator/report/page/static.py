@@ -6,7 +6,7 @@ from html import escape
 from pathlib import Path
 
 from friction_estimator.core.text import LONGEST_PARAGRAPH, shown
-from friction_estimator.report.page.content import Card, Page, Section
+from friction_estimator.report.page.content import Card, Page, Section, Whisker
 
 KINDS = {".png": "image/png", ".svg": "image/svg+xml"}
 
@@ -50,7 +50,7 @@ def _section(section: Section) -> str:
         head, *rows = section.table
         inside += '<div class="wide"><table>\n'
         inside += "<tr>" + "".join(f"<th>{_text(one)}</th>" for one in head) + "</tr>\n" if any(head) else ""
-        inside += "".join("<tr>" + "".join(f"<td>{_text(cell(one))}</td>" for one in row) + "</tr>\n" for row in rows)
+        inside += "".join("<tr>" + "".join(f"<td>{cell(one)}</td>" for one in row) + "</tr>\n" for row in rows)
         inside += "</table></div>\n"
     if not inside:
         return ""  # it has charts only
@@ -83,5 +83,18 @@ def embedded(file: Path) -> str:
 
 
 def cell(value: object) -> str:
-    """Return what stands in a cell of a table."""
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    """Return what stands in a cell of a table, as HTML."""
+    if isinstance(value, Whisker):
+        return _drawn(value)
+    return _text(f"{value:.4g}" if isinstance(value, float) else value)
+
+
+def _drawn(one: Whisker) -> str:
+    """Return a whisker: the interval as a line, the value as a mark."""
+    low, high, at = one.place(one.low), one.place(one.high), one.place(one.value)
+    return (
+        f'<svg class="whisker{" quiet" if one.quiet else ""}" viewBox="-2 0 104 12" preserveAspectRatio="none" '
+        f'role="img" aria-label="{_text(one.text)}"><title>{_text(one.text)}</title>'
+        f'<rect class="line" x="{low:.2f}" y="5" width="{max(high - low, 0.6):.2f}" height="2"></rect>'
+        f'<rect class="mark" x="{at - 1.0:.2f}" y="1" width="2" height="10"></rect></svg>'
+    )

@@ -44,8 +44,9 @@ def _interactive(page: Page) -> str:
         return name
 
     environment = _environment()
-    scripts = [code.replace("</script", "<\\/script") for code in Resources(mode="inline", components=["bokeh"]).js_raw]
     body = environment.get_template("page.html").render(page=page, item=item)
+    resources = Resources(mode="inline", components=["bokeh"]).js_raw if items else []  # 1.3 MB, for charts alone
+    scripts = [code.replace("</script", "<\\/script") for code in resources]
     # The charts' data are known only when the body is made; they stand behind it, so that it is seen first.
     return environment.get_template("document.html").render(
         title=page.title,
@@ -73,7 +74,7 @@ def _environment() -> "Environment":
         lstrip_blocks=True,
         finalize=safe,
     )
-    environment.filters["cell"] = static.cell
+    environment.filters["cell"] = lambda value: Markup(static.cell(value))
     environment.filters["picture"] = lambda file: Markup(static.embedded(file))
     return environment
 

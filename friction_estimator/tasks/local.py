@@ -1,0 +1,200 @@
+"""Processes of this machine that compute tasks, and end with this one however it ends.
+
+One task at a time in each process, so that a process that dies tells which task it died of: `concurrent.futures` gives
+up all of its work then.
+"""
+
+import os
+import signal
+import threading
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import SpawnProcess
+from pathlib import Path
+from types import TracebackType
+
+from friction_estimator.tasks.task import LOST, Done, Failure, Task, attempt
+from friction_estimator.threads import VARIABLES
+
+MOST_WORKERS = 256
+
+LARGEST_IDLE = 1 << 30
+"""Resident bytes of a process that is done with a task above which another takes its place: a few large recordings
+leave a heap in pieces, and 2000 small ones must not add up."""
+
+_OURS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Signals that may reach the whole group (Ctrl-C, a closed terminal): the verb obeys them, and ends its workers."""
+
+_SINGLE_THREAD = dict.fromkeys(VARIABLES, "1")
+
+
+def usable_cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+class LocalWorkers:
+    """Processes of this machine (context manager); they start with the first task.
+
+    An interrupt, or whatever else ends the block, ends them at once, busy as they may be; so does the death of this
+    process.
+
+    Parameters
+    ----------
+    count : processes at a time.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+        self._idle: list[_Worker] = []
+        self._busy: dict[Connection, _Worker] = {}
+
+    def __enter__(self) -> "LocalWorkers":
+        """Start nothing yet."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End every process."""
+        for worker in (*self._idle, *self._busy.values()):
+            worker.process.kill()
+        for worker in (*self._idle, *self._busy.values()):
+            worker.process.join()
+            worker.connection.close()
+        self._idle, self._busy = [], {}
+
+    def run(self, tasks: Iterable[Task]) -> Iterator[Done]:
+        """Yield each task once it is done; see `Workers.run`."""
+        suspects: list[Task] = []
+        for done in self._computed(iter(tasks), self._count):
+            if done.failure is _DIED:
+                suspects.append(done.task)
+            else:
+                yield done
+        for done in self._computed(iter(suspects), 1):  # alone: each for itself may have found memory enough
+            yield Done(done.task, failure=Failure(LOST, 2)) if done.failure is _DIED else done
+
+    def _computed(self, tasks: Iterator[Task], count: int) -> Iterator[Done]:
+        """Yield tasks as they are done by `count` processes; the failure is `_DIED` where the process died of it."""
+        following = next(tasks, None)
+        while following is not None or self._busy:
+            while following is not None and len(self._busy) < count:
+                worker = self._idle.pop() if self._idle else _started()
+                if worker.begin(following):
+                    self._busy[worker.connection] = worker
+                    following = next(tasks, None)
+                else:  # it died without work
+                    worker.end()
+            for connection in wait(list(self._busy)):
+                assert isinstance(connection, Connection)
+                worker = self._busy[connection]
+                done = worker.done()
+                del self._busy[connection]
+                if done.failure is not _DIED and worker.resident <= LARGEST_IDLE:
+                    self._idle.append(worker)
+                else:
+                    worker.end()
+                yield done
+
+
+_DIED = Failure("", 0)
+
+
+@dataclass
+class _Worker:
+    """A process, our end of the pipe to it, the task that it computes and the memory that it held after the last."""
+
+    process: SpawnProcess
+    connection: Connection
+    task: Task | None = None
+    resident: int = 0
+
+    def begin(self, task: Task) -> bool:
+        """Hand a task over; False where the process is gone."""
+        self.task = task
+        with suppress(OSError):
+            self.connection.send((task.function, task.arguments))
+            return True
+        return False
+
+    def done(self) -> Done:
+        """Take over what came of the task; the process has sent it, or is gone."""
+        assert self.task is not None
+        try:
+            (result, failure), self.resident = self.connection.recv()
+        except (EOFError, OSError):
+            return Done(self.task, failure=_DIED)
+        return Done(self.task, result, failure)
+
+    def end(self) -> None:
+        """End the process."""
+        self.process.kill()
+        self.process.join()
+        self.connection.close()
+
+
+def _started() -> _Worker:
+    """Start a process; it has one thread for linear algebra, and is deaf to what the terminal sends to all."""
+    context = get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=_serve, args=(theirs,), daemon=True)
+    with _single_threaded(), _signals_blocked(*_OURS):
+        # The tracker of multiprocessing starts with the first process; a signal would kill it, and it complain.
+        process.start()
+    theirs.close()
+    return _Worker(process, ours)
+
+
+def _serve(connection: Connection) -> None:
+    """Compute what comes through the pipe, until it is closed: what a worker process does."""
+    _end_with_the_parent()
+    with suppress(EOFError, OSError):
+        while True:
+            function, arguments = connection.recv()
+            connection.send((attempt(function, arguments), _resident()))
+
+
+def _resident() -> int:
+    """Return the resident memory of this process, bytes."""
+    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+@contextmanager
+def _single_threaded() -> Iterator[None]:
+    """Have processes that are started now use one thread each: faster on small matrices, and the same bits."""
+    before = {name: os.environ.get(name) for name in _SINGLE_THREAD}
+    os.environ.update(_SINGLE_THREAD)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
+def _signals_blocked(*numbers: signal.Signals) -> Iterator[None]:
+    """Keep signals from this thread, and for good from processes that it starts; one that waited comes at the end."""
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+def _end_with_the_parent() -> None:
+    """End this worker when its parent is gone: nobody else would tell it while it computes."""
+    parent = parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
