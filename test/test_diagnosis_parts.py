@@ -154,6 +154,18 @@ def test_noise_of_any_colour_has_no_outliers(clean: Samples, pole: float) -> Non
     assert set(np.flatnonzero(record.used & ~found.used)) == {517, 1493, 2581, 3444, 4719, 5301}
 
 
+def test_what_happens_at_each_reversal_neither_is_an_outlier_nor_hides_some(clean: Samples) -> None:
+    record = build_record([clean], Config())
+    residual = np.random.default_rng(4).standard_normal(len(clean))
+    residual[record.turns[record.turns < len(clean) - 2] + 1] += 9.0
+    assert outliers(record, residual) is None
+    residual[[517, 1493, 2581, 3444, 4719, 5301]] += 12.0
+    found = outliers(record, residual)
+    assert found is not None
+    assert found.used is not None
+    assert set(np.flatnonzero(record.used & ~found.used)) == {517, 1493, 2581, 3444, 4719, 5301}
+
+
 def test_stamps_tell_their_faults() -> None:
     t = np.arange(1000) * 5_000_000
     assert streams.offset_ns(t, t) == 0

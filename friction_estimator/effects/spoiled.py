@@ -28,6 +28,9 @@ SPIKE = 4.8
 SPIKE_CHANCE = 1.7e-6
 FEWEST_SPIKES = 4
 
+CROWD = 0.3
+"""Share of the hits that fall into one of 25 equally likely places of the cycle by a cause, not by chance."""
+
 
 @effect
 class Dropout(Effect):
@@ -184,9 +187,8 @@ class Outliers(Effect):
             neighbours[shift:] += size[:-shift] > np.maximum(3.5, 0.5 * size[shift:])
             neighbours[:-shift] += size[shift:] > np.maximum(3.5, 0.5 * size[:-shift])
         hit &= neighbours == 0
+        hit &= ~_gathered(view, hit)
         count = int(hit.sum())
-        if count >= FEWEST_SPIKES and _gathered(view, hit):
-            return None
         power = float(np.square(innovation[hit]).sum()) / max(int(used.sum()), 1)
         total = float(np.mean(np.square(residual[used])))
         p_value = float(binom.sf(count - 1, residual.size, SPIKE_CHANCE))
@@ -216,13 +218,14 @@ def _mean_interval(values: Ints) -> tuple[float, float]:
     return mean - reach, mean + reach
 
 
-def _gathered(view: DataView, hit: Bools) -> bool:
-    """Return whether hits gather at one place of the cycle: then they are a cause, not interference."""
+def _gathered(view: DataView, hit: Bools) -> Bools:
+    """Return which hits gather at one place of the cycle, (n,): they have a cause there and are no interference."""
     f = view.features
     since = np.where(np.isfinite(f.since_reversal_s), f.since_reversal_s, 1e9)
+    out = np.zeros(hit.size, np.bool_)
     for values in (since, f.velocity_m_s, f.position_m):
         edges = np.quantile(values, np.linspace(0.0, 1.0, 26)[1:-1])
-        cell = np.searchsorted(edges, values[hit])
-        if np.bincount(cell).max() > max(3.0, 0.3 * cell.size):
-            return True
-    return False
+        cell = np.searchsorted(edges, values)
+        crowd = np.bincount(cell[hit], minlength=25)
+        out |= (crowd > max(3.0, CROWD * float(hit.sum())))[cell]
+    return out & hit
