@@ -238,6 +238,16 @@ def test_settings_that_a_page_shows_are_settings(page, tmp_path):
             read_config(path)
 
 
+def test_what_scrolls_on_the_site_can_be_reached_by_keyboard(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "docs/site")
+    from reachable import levelled, reachable
+
+    body = '<pre><span>a</span></pre><table class="docutils align-default"><tr></tr></table>'
+    assert reachable(body).count('tabindex="0"') == 2
+    assert reachable(reachable(body)) == reachable(body)
+    assert levelled('<p role="heading">Begin</p>') == '<p role="heading" aria-level="2">Begin</p>'
+
+
 def test_a_promise_that_is_not_kept_is_seen():
     assert missing(["a 1.00", "b"], "a 1.02\nb\n") == []
     assert missing(["a 1.00", "b"], "b\na 1.02\n") == ["b"]

@@ -12,6 +12,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
@@ -22,6 +23,8 @@ from browser import Browser, needs_browser
 from geometry_msgs.msg import WrenchStamped
 from ros_graph import Feeder, await_, force, motion
 from terminal import Terminal
+
+from friction_estimator.report.live.page import interrupted
 
 pytestmark = pytest.mark.ros
 NODE = "/friction_estimator"
@@ -93,6 +96,22 @@ def shows(browser, prediction, limit_s=2.0):
 
 def port_of(address):
     return int(address.rsplit(":", 1)[1].strip("/"))
+
+
+def test_nothing_is_drawn_over_a_gap_wherever_the_batches_end():
+    row = np.array([0.0, 0.1, 3.0, 2.9, 0.2])
+    times = np.array([0.0, 0.1, 2.0, 2.1])
+    rows = row + np.outer(times, [1.0, 0.0, 0.0, 0.0, 0.0])
+    for cut in (0, 1, 2, 3):  # the gap lies inside the second batch, between the two, or inside the first
+        first = interrupted(rows[:0], rows[:cut])
+        second = interrupted(rows[max(0, cut - 1) : cut], rows[cut:])
+        drawn = {name: np.concatenate([first[name], second[name]]) for name in first}
+        np.testing.assert_allclose(drawn["time"], [0.0, 0.1, 0.1, 2.0, 2.0, 2.1])
+        inside = np.isnan(drawn["predicted"])
+        assert np.flatnonzero(inside).tolist() == [2, 3]
+        for name in ("velocity", "measured", "residual"):
+            assert np.array_equal(np.isnan(drawn[name]), inside)
+        assert np.array_equal(drawn["low"] == drawn["high"], inside)
 
 
 @needs_browser

@@ -166,6 +166,7 @@ class _Page:
         self._look, self._topic, self._document = look, topic, document
         seen = look()
         self._quantities = seen.quantities
+        self._last: Floats = seen.rows[:0]
         self._round, self._count, self._begin_s = seen.round, max(0, seen.count - len(seen.rows)), 0.0
         self._source = ColumnDataSource({name: [] for name in COLUMNS}, name="samples")
         self._curve = ColumnDataSource({name: [] for name in ("velocity", "friction", "low", "high")})
@@ -224,6 +225,7 @@ class _Page:
             self._rename(seen.quantities)
         if seen.round != self._round:
             self._round, self._count = seen.round, max(self._count, seen.count - len(seen.rows))
+            self._last = seen.rows[:0]
             self._source.data = {name: [] for name in COLUMNS}
             self._map.data = {name: [] for name in ("velocity", "measured")}
         rows = seen.since(self._count)[-KEPT_ROWS:]
@@ -243,19 +245,11 @@ class _Page:
         self._words.tags = [self._turn]
 
     def _columns(self, rows: Floats) -> dict[str, Any]:
-        """Return what is drawn of rows; a row of NaN interrupts the lines at a gap."""
-        gaps = np.flatnonzero(np.diff(rows[:, 0]) > GAP_S) + 1
-        rows = np.insert(rows, gaps, np.nan, axis=0)
-        time, velocity, measured, predicted, stddev = rows.T
-        return {
-            "time": time - self._begin_s,
-            "velocity": velocity,
-            "measured": measured,
-            "predicted": predicted,
-            "low": predicted - BAND_SIGMAS * stddev,
-            "high": predicted + BAND_SIGMAS * stddev,
-            "residual": measured - predicted,
-        }
+        """Return what is drawn of rows that follow those before."""
+        drawn = interrupted(self._last, rows)
+        self._last = rows[-1:]
+        drawn["time"] -= self._begin_s
+        return drawn
 
     def _rename(self, quantities: Quantities) -> None:
         """Write the units of a drive that turned out to be another one."""
@@ -263,6 +257,27 @@ class _Page:
         labels = _labels(quantities.unit(FORCE), quantities.unit(VELOCITY))
         for plot, (x, y) in zip(self._plots, labels, strict=True):
             plot.xaxis.axis_label, plot.yaxis.axis_label = x, y
+
+
+def interrupted(last: Floats, rows: Floats) -> dict[str, Floats]:
+    """Return the columns that are drawn of rows (n, 5), with two rows more at each gap.
+
+    In them the lines are NaN, which interrupts them. A fill goes on over NaN: the band has no height there instead.
+
+    Parameters
+    ----------
+    last : (1, 5), the row drawn last, or (0, 5): a gap may lie between it and the first row.
+    """
+    joined = np.vstack([last, rows])
+    gaps = np.flatnonzero(np.diff(joined[:, 0]) > GAP_S) + 1
+    places = np.repeat(gaps, 2)
+    ends = joined[np.column_stack([gaps - 1, gaps]).ravel()]
+    inside = np.insert(np.zeros(len(joined), np.bool_), places, True)[len(last) :]
+    time, velocity, measured, predicted, stddev = np.insert(joined, places, ends, axis=0)[len(last) :].T
+    half = np.where(inside, 0.0, BAND_SIGMAS * stddev)
+    lines = {"velocity": velocity, "measured": measured, "predicted": predicted, "residual": measured - predicted}
+    band = {"low": predicted - half, "high": predicted + half}
+    return {"time": time.copy()} | band | {name: np.where(inside, np.nan, line) for name, line in lines.items()}
 
 
 def _labels(force: str, velocity: str) -> list[tuple[str, str]]:
