@@ -21,6 +21,7 @@ from friction_estimator.cli.main import main
 from friction_estimator.core.settings.config import Config
 from friction_estimator.documents.configuration import read_config
 from friction_estimator.sweep import judged, recall
+from friction_estimator.tasks.identity import File, changed_ns
 
 FILES = ["config.yaml", "report.html", "rows.jsonl", "rows.parquet", "summary.json", "table.parquet"]
 SETS = ("--set", "law=nlms,rls", "--set", "fir.order=0,4")
@@ -237,7 +238,7 @@ def test_a_recording_is_read_once_for_many_configurations_within_bounds(bags, mo
     read = []
     monkeypatch.setattr(recall, "_kept", type(recall._kept)())
     monkeypatch.setattr(recall, "read_recording", lambda *words: read.append(words[0]) or read_recording(*words))
-    files = [recall.File(str(bags / name), name, recall.changed_ns(bags / name)) for name in ("sine", "triangle")]
+    files = [File(str(bags / name), name, changed_ns(bags / name)) for name in ("sine", "triangle")]
     for order in (0, 4):
         recall.recalled(files[0], Config.from_mapping({"fir.order": order}), {})
     assert len(read) == 1
@@ -252,7 +253,7 @@ def test_a_recording_is_read_once_for_many_configurations_within_bounds(bags, mo
 def test_a_recording_that_changes_meanwhile_is_told(bags):
     path = bags / "sine"
     with pytest.raises(Exception, match="was changed while the run went on"):
-        recall.recalled(recall.File(str(path), "another", recall.changed_ns(path) + 1), Config(), {})
+        recall.recalled(File(str(path), "another", changed_ns(path) + 1), Config(), {})
 
 
 def test_the_page_can_be_read_without_bokeh(swept, bags, tmp_path, monkeypatch):

@@ -4,18 +4,15 @@ import argparse
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-import numpy as np
-
-from friction_estimator.cli import common, joints
+from friction_estimator.cli import common, joints, many
 from friction_estimator.cli.progress import progress
 from friction_estimator.cli.recorded import settled
-from friction_estimator.core.errors import UnanswerableError, about
+from friction_estimator.core.errors import InputError, about
 from friction_estimator.core.quantities import Quantities
-from friction_estimator.core.sample import NS_PER_S, Samples
+from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.output.layout import Layout, only
 
@@ -40,7 +37,8 @@ def add_parser(subparsers: common.Subparsers) -> None:
         "what the simulation gets wrong, the cause, the extended model, the gain",
         description="Fit the base model (theory, odd static curve, short FIR), look for what it cannot explain, name "
         "the cause, and write the model extended by it. Gains are measured on data that the fit never saw.",
-        example="friction_estimator diagnose run1 run2 --out out",
+        example="friction_estimator diagnose run1 run2 --out out\n"
+        "  friction_estimator diagnose fleet/*/* --each --out out",
     )
     parser.add_argument("bags", nargs="+", metavar="BAG", help="recordings, in the order in which they were made")
     parser.add_argument(
@@ -48,12 +46,33 @@ def add_parser(subparsers: common.Subparsers) -> None:
     )
     common.add_figures_option(parser)
     parser.add_argument("--seed", type=int, default=0, help="of folds and bootstrap (default 0)")
+    fleet = parser.add_argument_group("many recordings")
+    fleet.add_argument(
+        "--each",
+        action="store_true",
+        help="diagnose each recording by itself: a table of what each shows, since when, and how it grows; what was "
+        "computed is kept, and the same command goes on where it was interrupted",
+    )
+    fleet.add_argument(
+        "--rig",
+        metavar="REGEX",
+        help="with --each: what in a recording's path names its rig, such as 'press_[0-9]+' (default: the folder that "
+        "it lies in)",
+    )
+    many.add_options(parser)
     common.add_bag_options(parser)
     common.add_json_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb; 1 for the verdict `undecidable`."""
+    if args.each:
+        from friction_estimator.cli import each  # noqa: PLC0415 - numpy and the readers
+
+        return each.run(args)
+    for name in ("rig", "workers", "scheduler"):
+        if getattr(args, name) is not None:
+            raise InputError(f"--{name} goes with --each: without it all recordings are diagnosed as one")
     with common.Output(args.json, args.out, joints.refusal(refusal), common.paths_read(args)) as output:
         return joints.run(args, output, _HEADS, _run)
 
@@ -132,31 +151,17 @@ def _outcome(summary: dict[str, Any], recordings: list[Samples]) -> joints.Outco
 
 
 def _load(bag: str, args: argparse.Namespace, config: Config, output: common.Outlet) -> Loaded:
-    """Return one recording, its usable samples and the faults of its stamps; a steady offset is taken out."""
-    from friction_estimator.bag.read import read_recording  # noqa: PLC0415
-    from friction_estimator.bag.samples import to_samples  # noqa: PLC0415
-    from friction_estimator.diagnosis import streams  # noqa: PLC0415
+    """Return one recording, what of it was admitted and the faults of its stamps; say what was read."""
+    from friction_estimator.fleet.reading import read_to_diagnose  # noqa: PLC0415
 
-    with about(bag), progress(f"reading {bag}", unit="messages") as advance:
-        recording = read_recording(bag, config.input, common.topics_from(args), advance)
-    velocity = recording.streams.get("velocity") or recording.streams["position"]
-    friction = recording.streams["friction"]
-    offset = 0
-    if velocity.stamped and friction.stamped and velocity.topic != friction.topic:
-        offset = streams.offset_ns(velocity.stamp_ns, friction.stamp_ns)
-    if offset:
-        moved = replace(friction, stamp_ns=friction.stamp_ns - offset)
-        recording = replace(recording, streams={**recording.streams, "friction": moved})
-    admitted = to_samples(recording, config)
-    rate_hz = admitted.samples.sample_rate_hz
-    facts = {**admitted.rejected, "read": admitted.read, "stamp_offset_s": offset / NS_PER_S, "period_s": 1.0 / rate_hz}
+    with progress(f"reading {bag}", unit="messages") as advance:
+        read = read_to_diagnose(bag, config, common.topics_from(args), advance)
+    admitted = read.admitted
     refused = ", ".join(f"{count} {reason}" for reason, count in admitted.rejected.items())
     output.say(
         f"{bag}: {len(admitted.samples)} samples of {admitted.read}" + (f"; refused: {refused}" if refused else "")
     )
-    if not len(admitted.samples) or not np.isfinite(admitted.samples.velocity_m_s).any():
-        raise UnanswerableError(f"{bag}: no usable sample; see `friction_estimator info {bag}`")
-    return recording, admitted, streams.counted(facts)
+    return read.recording, admitted, read.faults
 
 
 def _counts(loaded: Sequence[Loaded]) -> dict[str, Any]:

@@ -12,8 +12,8 @@ from friction_estimator.cli.progress import progress
 from friction_estimator.core.errors import FrictionEstimatorError, InputError
 from friction_estimator.core.settings.config import PATHS, Config
 from friction_estimator.output.journal import Journal, line
-from friction_estimator.sweep.recall import File, changed_ns
 from friction_estimator.tasks import identity
+from friction_estimator.tasks.identity import File
 from friction_estimator.tasks.local import MOST_WORKERS, LocalWorkers, usable_cores
 from friction_estimator.tasks.task import Failure, Task, Workers
 
@@ -78,7 +78,7 @@ def files(bags: Sequence[str], what: str = "BAG") -> list[File | Failure]:
         for path in paths:
             try:
                 # The time is taken first: a change while it is read shows, too.
-                changed = changed_ns(path)
+                changed = identity.changed_ns(path)
                 found.append(File(str(path.resolve()), identity.content(path, advance), changed))
             except FrictionEstimatorError as error:
                 found.append(Failure(str(error), error.exit_code))
@@ -106,6 +106,12 @@ def settings_facts(config: Config) -> dict[str, Any]:
         if facts.get(name) and name != "state.file":
             facts[f"{name} content"] = identity.content(Path(str(facts[name])))
     return facts
+
+
+def changed_settings(config: Config) -> dict[str, Any]:
+    """Return the settings that differ from the defaults."""
+    usual = Config().to_mapping()
+    return {name: value for name, value in config.to_mapping().items() if value != usual[name]}
 
 
 def computed(

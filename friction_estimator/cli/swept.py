@@ -16,7 +16,7 @@ from friction_estimator.output.parquet import is_available, write_parquet
 from friction_estimator.sweep.grid import Configurations, Settings
 from friction_estimator.sweep.judged import Job, judge
 from friction_estimator.sweep.ranking import Ranked, Ranking, best_baseline, log_nrmse_of, rank
-from friction_estimator.sweep.recall import File
+from friction_estimator.tasks.identity import File
 from friction_estimator.tasks.task import Failure
 
 NO_PARQUET = f"{TABLE} and {ROW_TABLE} are left out: pip install 'friction_estimator[parquet]'"
@@ -60,7 +60,7 @@ def _rows(
         if isinstance(file, Failure):
             raise InputError(f"--test: {file.problem}")
     judges = [file for file in tests if isinstance(file, File)]
-    settings = [_changed(config) for config in configs]
+    settings = [many.changed_settings(config) for config in configs]
     facts = [many.settings_facts(config) for config in configs]
     pieces, places = [], []
     for r, file in enumerate(learned):
@@ -82,12 +82,6 @@ def _rows(
     for (c, r), row in zip(places, found, strict=True):
         rows[c][r] = row
     return rows, text
-
-
-def _changed(config: Config) -> dict[str, Any]:
-    """Return the settings that differ from the defaults."""
-    usual = Config().to_mapping()
-    return {name: value for name, value in config.to_mapping().items() if value != usual[name]}
 
 
 def _failed(

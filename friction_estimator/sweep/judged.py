@@ -19,7 +19,8 @@ from friction_estimator.core.sample import Bools, Floats, Samples
 from friction_estimator.core.settings.config import PARAMETERS, Config
 from friction_estimator.core.settings.setting import Value
 from friction_estimator.effects.extension import extension_as_met, extension_from_config
-from friction_estimator.sweep.recall import Admitted, File, recalled
+from friction_estimator.sweep.recall import Admitted, recalled
+from friction_estimator.tasks.identity import File
 
 LONGEST_MEMORY = int(PARAMETERS["fir.order"].high)
 """Samples left out after each restart of what is judged: those of the longest memory that can be set, so that every

@@ -3,31 +3,22 @@
 from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from pathlib import Path
 from threading import Lock
 from typing import Any
 
 from friction_estimator.bag.read import read_recording
 from friction_estimator.bag.samples import to_samples
-from friction_estimator.core.errors import InputError, about
+from friction_estimator.core.errors import about
 from friction_estimator.core.fit.baselines import StaticCurve
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
+from friction_estimator.tasks.identity import File
 
 MOST_BYTES = 256 << 20
 """Kept in a process, the last recordings; one that is larger is read each time. An hour at 1 kHz is 150 MB."""
 
 _GROUPS = ("input", "sync", "load")
 """Settings that decide which samples a recording gives."""
-
-
-@dataclass(frozen=True)
-class File:
-    """A recording: its path, the digest of its content, and what of it would show that it was changed since."""
-
-    path: str
-    content: str
-    changed_ns: int
 
 
 @dataclass(frozen=True)
@@ -45,15 +36,6 @@ class Admitted:
         return sum(values.nbytes for values in arrays if values is not None)
 
 
-def changed_ns(path: Path) -> int:
-    """Return when the files of a recording were changed last; 0 where there are none."""
-    try:
-        items = list(path.iterdir()) if path.is_dir() else [path]
-        return max((item.stat().st_mtime_ns for item in items), default=0)
-    except OSError:
-        return 0
-
-
 def recalled(file: File, config: Config, topics: Mapping[str, str]) -> Admitted:
     """Return the samples of a recording as a configuration admits them, read or as they were kept.
 
@@ -66,8 +48,7 @@ def recalled(file: File, config: Config, topics: Mapping[str, str]) -> Admitted:
             _kept.move_to_end(key)
             return _kept[key]
     with about(file.path):
-        if changed_ns(Path(file.path)) != file.changed_ns:
-            raise InputError(f"{file.path} was changed while the run went on: run it again")
+        file.check_unchanged()
         recording = read_recording(file.path, config.input, topics)
         admitted = Admitted(to_samples(recording, config).samples, recording.motion)
     with _lock:

@@ -7,6 +7,7 @@ import hashlib
 import json
 import platform
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -22,6 +23,20 @@ _JOURNALS = ("-wal", "-journal")
 """What SQLite keeps beside a .db3 file; its messages are read too."""
 
 _PIECE = 1 << 20
+
+
+@dataclass(frozen=True)
+class File:
+    """A recording: its path, the digest of its content, and what of it would show that it was changed since."""
+
+    path: str
+    content: str
+    changed_ns: int
+
+    def check_unchanged(self) -> None:
+        """Raise InputError where the recording was changed since its digest was taken."""
+        if changed_ns(Path(self.path)) != self.changed_ns:
+            raise InputError(f"{self.path} was changed while the run went on: run it again")
 
 
 def digest(facts: Mapping[str, Any]) -> str:
@@ -63,6 +78,15 @@ def content(path: Path, advance: Callable[[int], None] = lambda _: None) -> str:
         return digest({str(k): _file(item, advance) for k, item in enumerate([path, *beside]) if item.is_file()})
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror}") from error
+
+
+def changed_ns(path: Path) -> int:
+    """Return when the files of a recording were changed last; 0 where there are none."""
+    try:
+        items = list(path.iterdir()) if path.is_dir() else [path]
+        return max((item.stat().st_mtime_ns for item in items), default=0)
+    except OSError:
+        return 0
 
 
 def size(path: Path) -> int:
