@@ -30,7 +30,7 @@ LARGEST_PIECE = 256
 """Samples of them at once: their predictions fit into any queue."""
 
 LONGEST_PIECE_S = 0.01
-"""Time that such a piece may take, where that is more than one sample: services and diagnostics wait no longer."""
+"""Processor time that such a piece may take, where that is more than one sample: services and diagnostics wait no longer."""
 
 REMEMBERED = 0.9
 """Share of the time that a sample took in the last piece which the next one takes at the least."""
@@ -216,7 +216,7 @@ class SampleStream:
                 now = time.perf_counter_ns()
                 self._load.note(now - self._load.arrived(begin))
                 if now - self._breath > 1e9 * SLOWEST_BREATH_S:
-                    self._sample_s = 1e-9 * (now - begin)
+                    self._sample_s = min(1e-9 * (now - begin), LONGEST_PIECE_S)  # one at a time, to begin with
                     self._breathless = True
                     self.on_backlog()
         else:
@@ -291,14 +291,17 @@ class SampleStream:
             self._breathless = False
             return
         behind, predictions = step.behind, self.predictions
+        began = time.thread_time()
         most = min(piece, LARGEST_PIECE, int(LONGEST_PIECE_S / max(self._sample_s, 1e-9)))
         try:
             self._hand_on(step.work_off(max(most, 1), learn=self.learn))
         finally:
             self.lost += behind - step.behind - (self.predictions - predictions)
         done, ended = behind - step.behind, time.perf_counter_ns()
-        # The first samples after a gap are not learned from, and say nothing of the time that the others take.
-        self._sample_s = max(1e-9 * (ended - self._breath) / max(done, 1), REMEMBERED * self._sample_s)
+        # Of the processor, not of the clock: a thread that was kept from it while others ran would take its samples for
+        # slow, work off one at a time, and fall behind where it has time for thousands. The first samples after a gap
+        # are not learned from, and say nothing of the time that the others take.
+        self._sample_s = max((time.thread_time() - began) / max(done, 1), REMEMBERED * self._sample_s)
         # What waited for the first contact is not late, and comes first.
         for _ in range(len(self._arrived) - step.behind):
             self._load.note(ended - self._arrived.popleft())
