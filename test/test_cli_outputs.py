@@ -221,7 +221,22 @@ def test_the_document_goes_where_stdout_goes(place):
     assert json.loads(brace + rest)["samples"] == 600
 
 
-def test_an_export_never_replaces_the_model(place, capsys):
-    for name in ("config.yaml", "summary.json"):
-        words = ("export", place / "run", "--format", "csv", "--out", place / "run" / name)
-        assert "is the input" in refused(capsys, place, *words)
+def test_an_export_never_replaces_what_it_reads(place, capsys):
+    """Whether the model is given as a folder or by its config.yaml; as it was, the recording beside it was replaced."""
+    for model in ("run", "run/config.yaml"):
+        for name, says in (
+            ("config.yaml", "is the input"),
+            ("summary.json", "is the input"),
+            ("bag/bag.mcap", "lies in the input"),
+        ):
+            words = ("export", place / model, "--format", "csv", "--out", place / "run" / name)
+            assert says in refused(capsys, place, *words)
+
+
+def test_an_export_never_replaces_the_theory_table_of_the_model(place, capsys):
+    table, config = place / "table.csv", place / "table.yaml"
+    rows = [f"{v},{p},{t},{5 * v}" for v in (-0.2, 0.0, 0.2) for p in (0, 1e6) for t in (300, 350)]
+    table.write_text("\n".join(["velocity_m_s,pressure_Pa,temperature_K,friction_N", *rows]))
+    config.write_text("/**: {ros__parameters: {theory: {kind: table, table: table.csv}}}\n")
+    assert run("replay", place / "bag", "--config", config, "--out", place / "by_table") == 0
+    assert "is the input" in refused(capsys, place, "export", place / "by_table", "--format", "csv", "--out", table)

@@ -279,6 +279,8 @@ def test_a_name_as_long_as_names_may_be(tmp_path):
     write_text(tmp_path / ("n" * 255), "text")
     assert (tmp_path / ("n" * 255)).read_text() == "text"
     assert len(list(tmp_path.iterdir())) == 1
+    with pytest.raises(InputError, match="File name too long"):
+        write_text(tmp_path / ("n" * 256), "text")
 
 
 # Inputs

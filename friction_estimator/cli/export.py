@@ -79,17 +79,22 @@ def _run(args: argparse.Namespace, output: common.Output) -> int:
 
 
 def _inputs(args: argparse.Namespace) -> list[str]:
-    """Return the files that are read; others in the folder of a run are none."""
-    model = Path(args.model)
-    if not model.is_dir():
-        return [args.model, *args.recording]
-    return [*(str(model / name) for name in ("config.yaml", "summary.json", "bag")), *args.recording]
+    """Return what is read: model, recordings, theory table, and what the run left beside its config.yaml."""
+    settings = _settings(args)
+    beside = [path for path in (settings.parent / "summary.json", settings.parent / "bag") if path.exists()]
+    config = str(settings) if settings.is_file() else None
+    return [*map(str, beside), *common.paths_read(argparse.Namespace(bags=args.recording, config=config))]
+
+
+def _settings(args: argparse.Namespace) -> Path:
+    given = Path(args.model)
+    return given / "config.yaml" if given.is_dir() else given
 
 
 def _learned(args: argparse.Namespace, output: common.Output) -> Learned:
     """Read the model and, where there is one, the recording."""
     given = Path(args.model)
-    settings = given / "config.yaml" if given.is_dir() else given
+    settings = _settings(args)
     if given.is_dir() and not settings.is_file():
         raise InputError(f"{given} has no config.yaml: give the folder that replay or identify wrote with --out")
     folder = settings.parent

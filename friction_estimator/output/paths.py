@@ -1,5 +1,6 @@
 """Names of outputs: links resolved, streams told from files, inputs kept."""
 
+import errno
 import os
 import re
 import stat
@@ -25,7 +26,9 @@ def resolved(path: StrPath) -> Path:
         target = Path(path).resolve()
         if target.is_symlink():
             raise OSError
-    except (OSError, RuntimeError):
+    except (OSError, RuntimeError) as error:
+        if isinstance(error, OSError) and error.errno not in (None, errno.ELOOP):  # a name too long, a folder shut
+            raise InputError(f"{path}: {error.strerror}; choose another path") from None
         raise InputError(f"{path}: this link leads in a circle; remove it or choose another output") from None
     except ValueError as error:
         raise InputError(f"{os.fspath(path)!r} is no file name: {error}") from None

@@ -30,7 +30,7 @@ LARGEST_PIECE = 256
 """Samples of them at once: their predictions fit into any queue."""
 
 LONGEST_PIECE_S = 0.01
-"""Processor time that such a piece may take, where that is more than one sample: services and diagnostics wait no longer."""
+"""Processor time that such a piece may take, where that is more than one sample: services and diagnostics wait."""
 
 REMEMBERED = 0.9
 """Share of the time that a sample took in the last piece which the next one takes at the least."""
