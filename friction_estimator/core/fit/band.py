@@ -82,7 +82,7 @@ class Curve:
     temperature_degC: float
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def note_error(errors, cell, error, last, follows):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Add an error to its cell's running means; `last` is the error of the sample before, where it `follows`."""
     row = errors[cell]
@@ -93,7 +93,7 @@ def note_error(errors, cell, error, last, follows):  # type: ignore[no-untyped-d
         row[PRODUCT] += gain * (error * last - row[PRODUCT])
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def usual_variance(errors, cell, unknown):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Return the variance of a prediction's error at a cell: its power, and what is coloured of it.
 

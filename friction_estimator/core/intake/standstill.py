@@ -51,7 +51,7 @@ velocity over them, and samples in a row outside."""
 STATE_SIZE = 11
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def stands(state, velocity, begins, scale):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Return whether the shaft stands at this sample, given those before.
 
@@ -101,7 +101,7 @@ def stands(state, velocity, begins, scale):  # type: ignore[no-untyped-def] # pr
     return state[RUN] > state[NEEDED] and abs(state[MEAN]) <= drift
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def stopping(state, velocity, scale):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Return whether a rest may have begun, after `stands` of this sample: no speed for a second sample in a row.
 

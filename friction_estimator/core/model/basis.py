@@ -55,6 +55,10 @@ class Basis(Protocol):
     def width(self) -> int:
         """Number of stored entries a point."""
 
+    @property
+    def row_power(self) -> float:
+        """Bound of the sum of squares of a row."""
+
     def rows(self, velocity_m_s: Floats) -> tuple[NDArray[np.int32], Floats]:
         """Return (index, value), each (n, width): the functions that may differ from zero, and their values."""
 
@@ -263,6 +267,12 @@ class WaveletBasis:
     def width(self) -> int:
         """Number of stored entries a point: 2 N - 1 for each level and for the scaling functions."""
         return int(self._scale.size * self._table.shape[2])
+
+    @property
+    def row_power(self) -> float:
+        """Bound of the sum of squares of a row: between rows of the table values are linear, so these are the largest."""
+        powers = np.sum(np.square(self._table), axis=2).max(axis=1)
+        return float(np.sum(self._scale * powers[self._kind]))
 
     def rows(self, velocity_m_s: Floats) -> tuple[NDArray[np.int32], Floats]:
         """Return (index, value), each (n, width); velocities must be finite."""

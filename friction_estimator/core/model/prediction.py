@@ -7,13 +7,15 @@ With theta = [A, W, A1, C] (FIR taps, wavelet weights, theory taps, extension co
 and its gradient, the regressor x of every law, is [F, A(q) Psi, F1, z] with F_i = W' Psi[k-i] for the present W (Kwak,
 Yagle, Levitt 1998, section 3; the printed F1 repeats lag 0, which is read as a misprint).
 
-numba's cache of a compiled function sees edits of its own file only: `online.kernels.run` has `push` and `regress`
-compiled in. After an edit here delete __pycache__ of core/online/, or the old code runs on.
+The loops over weights are what a sample costs. They take three rows of Psi at a time, the oldest first (the newest was
+just written entry by entry, and reading it as vectors has to wait for that), each row in whole cache lines whose spare
+entries are zero (`addresses.placed`): nothing is left over that vectors do not take.
 """
 
 import numpy as np
 
 from friction_estimator.compiled import njit
+from friction_estimator.core.addresses import LINE, padded
 from friction_estimator.core.sample import Floats, Ints
 
 TAPS, WEIGHTS, THEORY_TAPS, EXTENSIONS = range(4)
@@ -24,50 +26,75 @@ HEAD = 0
 
 
 def delay_lines(shape: Ints) -> tuple[Floats, Floats, Ints]:
-    """Return delay lines that hold nothing: ring, (taps, weights), ring_theory, (max(theory taps, 1),), and status."""
+    """Return delay lines that hold nothing: ring, (taps, padded weights), ring_theory, (max(theory taps, 1),), status."""
     taps, weights, theory_taps, _ = shape
-    return np.zeros((taps, weights)), np.zeros(max(1, theory_taps)), np.array([-1], np.int64)
+    return np.zeros((taps, padded(int(weights)))), np.zeros(max(1, theory_taps)), np.array([-1], np.int64)
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def push(shape, ring, ring_theory, status, index, value, theory, restart):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Put the newest row into the delay lines; a restart fills them with it (as if it had stood there)."""
     taps = shape[TAPS]
     status[HEAD] = 0 if restart else status[HEAD] + 1
     row = ring[status[HEAD] % taps]
-    row[:] = 0.0
+    for k in range(row.size):
+        row[k] = 0.0
     for k in range(index.size):
         row[index[k]] = value[k]
     if restart:
         for i in range(1, taps):
-            ring[i, :] = row
-        ring_theory[:] = theory
+            for k in range(row.size):
+                ring[i, k] = row[k]
+        for i in range(ring_theory.size):
+            ring_theory[i] = theory
     else:
         ring_theory[status[HEAD] % ring_theory.size] = theory
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, forceinline=True, fastmath={"reassoc", "contract"})
 def regress(shape, theta, ring, ring_theory, status, extension, x):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Fill the gradient x and return the prediction."""
-    taps, weights, theory_taps = shape[TAPS], shape[WEIGHTS], shape[THEORY_TAPS]
-    head = status[HEAD]
-    w = theta[taps : taps + weights]
-    filtered = x[taps : taps + weights]
-    filtered[:] = 0.0
+    """Fill the gradient x and return the prediction.
+
+    Behind the last entries of theta and x there is room for a cache line, which is read and written.
+    """
+    taps, theory_taps, size = shape[TAPS], shape[THEORY_TAPS], ring.shape[1]
+    start = taps + shape[WEIGHTS]
+    w, filtered = theta[taps:], x[taps:]
+    for k in range(size):
+        filtered[k] = 0.0
     prediction = 0.0
-    place = head % taps
-    for i in range(taps):
+    lag = taps - 1
+    place = (status[HEAD] + 1) % taps
+    while lag >= 2:
+        row_a = ring[place]
+        place = place + 1 if place + 1 < taps else 0
+        row_b = ring[place]
+        place = place + 1 if place + 1 < taps else 0
+        row_c = ring[place]
+        place = place + 1 if place + 1 < taps else 0
+        tap_a, tap_b, tap_c = theta[lag], theta[lag - 1], theta[lag - 2]
+        g_a = g_b = g_c = 0.0
+        for k in range(size):
+            a, b, c, weight = row_a[k], row_b[k], row_c[k], w[k]
+            g_a += a * weight
+            g_b += b * weight
+            g_c += c * weight
+            filtered[k] += tap_a * a + tap_b * b + tap_c * c
+        x[lag], x[lag - 1], x[lag - 2] = g_a, g_b, g_c
+        prediction += tap_a * g_a + tap_b * g_b + tap_c * g_c
+        lag -= 3
+    while lag >= 0:
         row = ring[place]
-        place = place - 1 if place > 0 else taps - 1
-        tap = theta[i]
+        place = place + 1 if place + 1 < taps else 0
+        tap = theta[lag]
         g = 0.0
-        for k in range(weights):
+        for k in range(size):
             g += row[k] * w[k]
             filtered[k] += tap * row[k]
-        x[i] = g
+        x[lag] = g
         prediction += tap * g
-    start = taps + weights
-    place = head % ring_theory.size
+        lag -= 1
+    place = status[HEAD] % ring_theory.size
     for i in range(theory_taps):
         lagged = ring_theory[place]
         place = place - 1 if place > 0 else theory_taps - 1
@@ -104,9 +131,10 @@ def predict_fixed(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     shape, theta : of the model.
     ring, ring_theory, status : from `delay_lines`, updated in place, so that a record can be taken in parts.
     """
-    x = np.zeros(theta.size)
+    x, roomy = np.zeros(theta.size + LINE), np.zeros(theta.size + LINE)
+    roomy[: theta.size] = theta
     for k in range(predicted.size):
         push(shape, ring, ring_theory, status, index[k], value[k], theory[k], restart[k] or status[HEAD] < 0)
         if known.shape[1] > 0:
             extension[k, last] *= rubbing(shape, theta, extension[k], last, known[k, 0])
-        predicted[k] = regress(shape, theta, ring, ring_theory, status, extension[k], x)
+        predicted[k] = regress(shape, roomy, ring, ring_theory, status, extension[k], x)

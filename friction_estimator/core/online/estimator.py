@@ -2,7 +2,7 @@
 
 import copy
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from friction_estimator.core.fit.load_report import LearnedLoad, learned_loads
 from friction_estimator.core.model.prior import Prior
 from friction_estimator.core.model.structure import CHUNK, LEARNED, Extension, Model, Parameters
 from friction_estimator.core.online import kernels, recovery, state_check, workspace
-from friction_estimator.core.online.adaptation import LAWS
+from friction_estimator.core.online.adaptation import LAWS, constants
 from friction_estimator.core.online.growth import carried_over, cold_start, grown_model
 from friction_estimator.core.online.larger_unit import in_larger_units, units_too_small
 from friction_estimator.core.online.workspace import Workspace
@@ -122,8 +122,8 @@ class Estimator:
     def _cold(self) -> Workspace:
         if self.model.extension is not None:
             self.model.extension.restart()
-        metric, constants = self.law.metric(self._prior), self.law.constants(self.config)
-        return cold_start(self.model, self._prior, metric, self.law.keeps_covariance, constants)
+        metric, given = self.law.metric(self._prior), constants(self.law, self.config, self.model.basis)
+        return cold_start(self.model, self._prior, metric, self.law.keeps_covariance, given)
 
     def run(self, samples: Samples, learn: Bools | bool = True, deviation: Floats | None = None) -> Floats:
         """Predict and learn over samples in order.
@@ -151,24 +151,9 @@ class Estimator:
                 rest = slice(done, None)
                 here = slice(start + done, start + len(chunk))
                 inputs = self.model.inputs(chunk[rest], theory[rest], columns[rest])
-                taken = kernels.run(
-                    self.law.number,
-                    inputs.index,
-                    inputs.value,
-                    inputs.cell,
-                    inputs.beyond,
-                    chunk.velocity_m_s[rest],
-                    inputs.theory,
-                    inputs.extension,
-                    inputs.noise,
-                    inputs.known,
-                    inputs.target,
-                    inputs.restart,
-                    learns[here],
-                    predicted[here],
-                    spread[here],
-                    *self.work.arrays(),
-                )
+                velocity = chunk.velocity_m_s[rest]
+                batch = kernels.batch(inputs, velocity, learns[here], predicted[here], spread[here])
+                taken = kernels.run(self.law.number, batch.table, self.work.addresses.table)
                 ready = slice(here.start, here.start + taken if taken else here.stop)
                 predicted[ready] *= self.model.unit_N
                 spread[ready] *= self.model.unit_N
@@ -205,7 +190,7 @@ class Estimator:
             self.work = in_larger_units(self.work, model, larger, prior)
             model = larger
         self.config = self.config.updated({name: PARAMETERS[name].of(model.config) for name in CHOSEN_UNITS})
-        self.work.law[:] = self.law.constants(self.config)
+        self.work.law[:] = constants(self.law, self.config, model.basis)
         self.model, self._prior = model, prior
         return rise > 1.0
 
@@ -240,7 +225,7 @@ class Estimator:
         """
         live = {name: item.of(config) for name, item in PARAMETERS.items() if item.live and not item.learned}
         self.config = self.config.updated(live)
-        self.work.law[:] = self.law.constants(self.config)
+        self.work.law[:] = constants(self.law, self.config, self.model.basis)
 
     @property
     def _predicting(self) -> tuple[Floats, Floats, Floats]:
@@ -348,12 +333,16 @@ class Estimator:
         """
         work = self.work.copy()
         if not recovery.roots_in_use(work):
-            work.kept_root = work.kept_root[:0]
+            work = replace(work, kept_root=work.kept_root[:0])
         return {
             "version": STATE_VERSION,
             "structure": {name: structural(self.config, name) for name in self._structure()},
             "chosen": {name: PARAMETERS[name].of(self.config) for name in CHOSEN},
-            "arrays": {f.name: getattr(work, f.name) for f in fields(work) if f.name not in workspace.CONSTANTS},
+            "arrays": {
+                name: np.ascontiguousarray(getattr(work, name))
+                for name in workspace.NAMES
+                if name not in workspace.CONSTANTS
+            },
         }
 
     def check_state(self) -> None:

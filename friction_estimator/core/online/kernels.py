@@ -8,24 +8,26 @@ for bit. `model.prediction` has the prediction and its gradient x, the regressor
 import numpy as np
 
 from friction_estimator.compiled import njit
+from friction_estimator.core.addresses import (
+    LINE,
+    Addresses,
+    bools,
+    float_blocks,
+    float_rows,
+    floats,
+    int32_rows,
+    ints,
+)
 from friction_estimator.core.fit.band import EXTRAPOLATION, note_error, usual_variance
 from friction_estimator.core.intake.standstill import stands, stopping
 from friction_estimator.core.model.prediction import EXTENSIONS, TAPS, push, regress, rubbing
+from friction_estimator.core.model.structure import Inputs
 from friction_estimator.core.online import workspace as at
-from friction_estimator.core.online.law_steps import (
-    PULL_EVERY,
-    learn_lms,
-    learn_nlms,
-    learn_rls,
-    mistaken,
-    project,
-    pull,
-    without_noise,
-)
+from friction_estimator.core.online.lms import LMS, learn_lms
+from friction_estimator.core.online.nlms import NLMS, learn_nlms
 from friction_estimator.core.online.recovery import FORMER, HELD, alarming, begin_hold, judge, predicted_by, surprise_of
-
-LMS, NLMS, RLS = range(3)
-"""Numbers of the laws in the compiled dispatch; online/adaptation.py has the classes."""
+from friction_estimator.core.online.rls import PULL_EVERY, RLS, learn_rls, mistaken, project, pull, without_noise
+from friction_estimator.core.sample import Bools, Floats
 
 CLIP = 6.0
 """Errors beyond this many running rms are shortened before nlms and rls learn from them (Huber)."""
@@ -67,7 +69,7 @@ def _beyond(moments, status, velocity, beyond, learn):  # type: ignore[no-untype
     return status[at.MAY_GROW] == 1 and abs(status[at.BEYOND]) >= GROW_AFTER
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def noise_in(theta, shape, column_noise):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Return the variance that noise in the columns of the load gives a prediction."""
     start = theta.size - shape[EXTENSIONS]
@@ -77,67 +79,130 @@ def noise_in(theta, shape, column_noise):  # type: ignore[no-untyped-def] # prag
     return total
 
 
+SAMPLES = {
+    "index": np.int32,
+    "value": np.float64,
+    "cell": np.int64,
+    "beyond": np.float64,
+    "velocity": np.float64,
+    "theory": np.float64,
+    "extension": np.float64,
+    "column_noise": np.float64,
+    "known": np.float64,
+    "target": np.float64,
+    "restart": np.bool_,
+    "learn": np.bool_,
+    "predicted": np.float64,
+    "deviation": np.float64,
+}
+"""What `run` takes of a batch of samples, and of which type.
+
+index, value : (n, width), rows of Psi. cell : (n,), cell of the velocity. beyond : (n,), relative distance outside
+    the range. velocity : (n,), m/s. theory : (n,), d. extension : (n, columns).
+    column_noise : (n, loads), variance of the noise in the columns of the load.
+    known : (n, 1), known load, where the last of these is the sign of friction that follows the load, else (n, 0).
+    target : (n,), measured friction.
+    All finite; forces in normalised units.
+restart, learn : (n,).
+predicted, deviation : (n,), filled with the a priori prediction and its standard deviation.
+"""
+
+
+def batch(inputs: Inputs, velocity: Floats, learn: Bools, predicted: Floats, deviation: Floats) -> Addresses:
+    """Return the samples as `run` takes them; see `SAMPLES`."""
+    arrays = {
+        "index": inputs.index,
+        "value": inputs.value,
+        "cell": inputs.cell,
+        "beyond": inputs.beyond,
+        "velocity": velocity,
+        "theory": inputs.theory,
+        "extension": inputs.extension,
+        "column_noise": inputs.noise,
+        "known": inputs.known,
+        "target": inputs.target,
+        "restart": inputs.restart,
+        "learn": learn,
+        "predicted": predicted,
+        "deviation": deviation,
+    }
+    return Addresses([arrays[name] for name in SAMPLES], list(SAMPLES.values()))
+
+
+_SAMPLES, _WORK = list(SAMPLES), at.NAMES
+_INDEX = _SAMPLES.index("index")
+_VALUE = _SAMPLES.index("value")
+_CELL = _SAMPLES.index("cell")
+_BEYOND = _SAMPLES.index("beyond")
+_VELOCITY = _SAMPLES.index("velocity")
+_THEORY = _SAMPLES.index("theory")
+_EXTENSION = _SAMPLES.index("extension")
+_COLUMN_NOISE = _SAMPLES.index("column_noise")
+_KNOWN = _SAMPLES.index("known")
+_TARGET = _SAMPLES.index("target")
+_RESTART = _SAMPLES.index("restart")
+_LEARN = _SAMPLES.index("learn")
+_PREDICTED = _SAMPLES.index("predicted")
+_DEVIATION = _SAMPLES.index("deviation")
+
+_SHAPE = _WORK.index("shape")
+_THETA = _WORK.index("theta")
+_RING = _WORK.index("ring")
+_RING_THEORY = _WORK.index("ring_theory")
+_ROOT = _WORK.index("root")
+_PRIOR = _WORK.index("prior")
+_MEAN = _WORK.index("mean")
+_INFORMATION = _WORK.index("information")
+_PRIOR_ROOT = _WORK.index("prior_root")
+_NOISE = _WORK.index("noise")
+_OWED = _WORK.index("owed")
+_LAW = _WORK.index("law")
+_MOMENTS = _WORK.index("moments")
+_STATUS = _WORK.index("status")
+_ERRORS = _WORK.index("errors")
+_REST = _WORK.index("rest")
+_KEPT = _WORK.index("kept")
+_KEPT_ROOT = _WORK.index("kept_root")
+_TRIAL = _WORK.index("trial")
+_HOLD = _WORK.index("hold")
+_SCRATCH = _WORK.index("scratch")
+
+
 @njit(cache=True, nogil=True)
-def run(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    law_number,
-    index,
-    value,
-    cell,
-    beyond,
-    velocity,
-    theory,
-    extension,
-    column_noise,
-    known,
-    target,
-    restart,
-    learn,
-    predicted,
-    deviation,
-    shape,
-    theta,
-    ring,
-    ring_theory,
-    root,
-    prior,
-    mean,
-    information,
-    prior_root,
-    noise,
-    owed,
-    law,
-    moments,
-    status,
-    errors,
-    rest,
-    kept,
-    kept_root,
-    trial,
-    hold,
-):
+def run(law_number, samples, work):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Predict and learn over n samples, or until the range is to grow.
 
     Parameters
     ----------
     law_number : LMS, NLMS or RLS.
-    index, value : (n, width), rows of Psi. cell : (n,), cell of the velocity. beyond : (n,), relative distance outside
-        the range. velocity : (n,), m/s. theory : (n,), d. extension : (n, columns).
-        column_noise : (n, loads), variance of the noise in the columns of the load.
-        known : (n, 1), known load, where the last of these is the sign of friction that follows the load, else (n, 0).
-        target : (n,), measured friction.
-        All finite; forces in normalised units.
-    restart, learn : (n,) bool.
-    predicted, deviation : (n,), filled with the a priori prediction and its standard deviation.
-    shape .. hold : the arrays of `Workspace`, updated in place.
+    samples : table of addresses of a `batch`.
+    work : table of addresses of a `Workspace`, updated in place.
 
     Returns
     -------
     0, or, where the range is to grow, the number of samples taken: the caller has to see to it before it goes on.
     """
+    index, value = int32_rows(samples, _INDEX), float_rows(samples, _VALUE)
+    cell, beyond = ints(samples, _CELL), floats(samples, _BEYOND)
+    velocity, theory, target = floats(samples, _VELOCITY), floats(samples, _THEORY), floats(samples, _TARGET)
+    extension, column_noise = float_rows(samples, _EXTENSION), float_rows(samples, _COLUMN_NOISE)
+    known, restart, learn = float_rows(samples, _KNOWN), bools(samples, _RESTART), bools(samples, _LEARN)
+    predicted, deviation = floats(samples, _PREDICTED), floats(samples, _DEVIATION)
+
+    shape, theta = ints(work, _SHAPE), floats(work, _THETA)
+    ring, ring_theory = float_rows(work, _RING), floats(work, _RING_THEORY)
+    root, prior, mean = float_rows(work, _ROOT), floats(work, _PRIOR), floats(work, _MEAN)
+    information, prior_root = float_rows(work, _INFORMATION), float_rows(work, _PRIOR_ROOT)
+    noise, owed, law = float_rows(work, _NOISE), floats(work, _OWED), floats(work, _LAW)
+    moments, status, errors = floats(work, _MOMENTS), ints(work, _STATUS), float_rows(work, _ERRORS)
+    rest, hold, trial = floats(work, _REST), floats(work, _HOLD), float_rows(work, _TRIAL)
+    kept, kept_root = float_rows(work, _KEPT), float_blocks(work, _KEPT_ROOT)
+    scratch = float_rows(work, _SCRATCH)
+
     n = theta.size
-    x = np.zeros(n)
-    projected = np.zeros(n)
-    gain = np.zeros(n)
+    begin = -shape[TAPS] % LINE
+    x = scratch[0, begin : begin + n]
+    projected, gain = scratch[1], scratch[2, :n]
     settled = shape[TAPS] - 1
     last = noise.shape[0] - 1
     follows = known.shape[1] > 0

@@ -13,6 +13,7 @@ from math import isfinite
 
 import numpy as np
 
+from friction_estimator.core.addresses import Addresses
 from friction_estimator.core.intake.admission import Intake
 from friction_estimator.core.intake.encoder import unwrap
 from friction_estimator.core.intake.pairing import HELD, POSITION, PRESSURE, USED, Pairs, admit, pair
@@ -224,24 +225,11 @@ class LiveStep(Events):
             if self._curve is not None
             else ()
         )
-        self._arguments = (
-            estimator.law.number,
-            index,
-            row,
-            self._cell,
-            self._beyond,
-            self._velocity,
-            self._theory,
-            np.zeros((1, 0)),
-            np.zeros((1, 0)),
-            np.zeros((1, 0)),
-            self._target,
-            self._restart,
-            self._learn,
-            self._predicted,
-            self._deviation,
-            *self._work.arrays(),
-        )
+        nothing = np.zeros((1, 0))
+        samples = (index, row, self._cell, self._beyond, self._velocity, self._theory, nothing, nothing, nothing)
+        outcome = (self._target, self._restart, self._learn, self._predicted, self._deviation)
+        self._samples = Addresses([*samples, *outcome], list(kernels.SAMPLES.values()))
+        self._arguments = estimator.law.number, self._samples.table, self._work.addresses.table
         self._unit, self._sign = model.unit_N, self.intake.sign
         self._theory_scale = model.theory_scale
         theory = config.theory

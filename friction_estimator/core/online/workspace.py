@@ -1,10 +1,11 @@
 """What one estimator carries from sample to sample, and the names of the places in it."""
 
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 
 import numpy as np
 
+from friction_estimator.core.addresses import LINE, Addresses, padded, placed
 from friction_estimator.core.model import prediction
 from friction_estimator.core.sample import Floats, Ints
 
@@ -23,7 +24,7 @@ HELD_RECENT, FORMER_RECENT, HELD_POWER, HAS_FORMER, RESTORED, HELD_SINCE, ACROSS
 HOLD_SIZE = 16
 
 # Places in Workspace.law
-STEP, FLOOR, LEAST_LEVERAGE, RESIDUAL_VARIANCE, LEAST_SPEED, TOP_SPEED = range(6)
+STEP, FLOOR, LEAST_LEVERAGE, RESIDUAL_VARIANCE, LEAST_SPEED, TOP_SPEED, ROW_POWER = range(7)
 
 START_POWER = 1.0
 """Running powers before the first sample: an error of one force unit is nothing unusual yet."""
@@ -31,11 +32,14 @@ START_POWER = 1.0
 WRITTEN_ONCE = ("shape", "prior", "mean", "information", "prior_root")
 """Fields that follow from model and prior: copies share them."""
 
-CONSTANTS = (*WRITTEN_ONCE, "law")
-"""Fields that follow from the configuration and are no part of a state."""
+CONSTANTS = (*WRITTEN_ONCE, "law", "scratch")
+"""Fields that follow from the configuration, or hold nothing, and are no part of a state."""
+
+IN_LINES = ("ring", "root", "information", "prior_root", "kept_root")
+"""Fields whose rows are whole cache lines (`addresses.placed`)."""
 
 
-@dataclass
+@dataclass(frozen=True)
 class Workspace:
     """Everything that one estimator carries from sample to sample.
 
@@ -53,7 +57,7 @@ class Workspace:
         off again, and 1 where that was half of the column's own part or more: nothing is known of it (rls).
     owed : (n,), where the parameters stood over the prior's mean at the last alarm (rls), else (0,): a share
         `moments[OWED]` of it is still to be paid back.
-    law : (6,), constants of the law.
+    law : (7,), constants (see `adaptation.constants`).
     moments : (10,): running error power, mean power of errors at velocities that are known, the factor on what the
         alarm takes for usual, lms' back-off, samples that the covariance holds, the pull towards the prior that is
         due, the error before, the slowest and the fastest of the velocities in a row beyond an edge, the share owed.
@@ -67,6 +71,7 @@ class Workspace:
     trial : (bins, 3), samples of a trial by bin of velocity, and the mean surprises of held model and challenger.
     hold : (16,), the sum of the alarm, samples without alarm, samples since a model was kept, whether one is held, and
         the figures of the trial.
+    scratch : (3, n and room), for the regressor and two vectors beside it.
     """
 
     shape: Ints
@@ -89,16 +94,31 @@ class Workspace:
     kept_root: Floats
     trial: Floats
     hold: Floats
+    scratch: Floats = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Lay the arrays out as the compiled loops read them; theta so that its weights begin a line."""
+        for name in IN_LINES:
+            object.__setattr__(self, name, placed(getattr(self, name)))
+        taps, size = int(self.shape[prediction.TAPS]), self.theta.size
+        object.__setattr__(self, "theta", placed(self.theta, taps))
+        object.__setattr__(self, "scratch", placed(np.zeros((3, padded(size) + 2 * LINE))))
 
     def copy(self) -> "Workspace":
         """Return a copy whose every sample leaves this one as it is."""
-        return replace(
-            self, **{f.name: getattr(self, f.name).copy() for f in fields(self) if f.name not in WRITTEN_ONCE}
-        )
+        written = (f.name for f in fields(self) if f.init and f.name not in WRITTEN_ONCE)
+        return replace(self, **{name: getattr(self, name).copy() for name in written})
 
-    def arrays(self) -> tuple[Any, ...]:
-        """Return the arrays in the order in which `kernels.run` takes them."""
-        return tuple(getattr(self, f.name) for f in fields(self))
+    @cached_property
+    def addresses(self) -> Addresses:
+        """The arrays as `kernels.run` takes them, in the order of the fields."""
+        return Addresses([getattr(self, name) for name in NAMES], [DTYPES.get(name, np.float64) for name in NAMES])
+
+
+NAMES = tuple(f.name for f in fields(Workspace))
+
+DTYPES = {"shape": np.int64, "status": np.int64}
+"""Of the fields that hold no floats."""
 
 
 def cold_moments() -> Floats:

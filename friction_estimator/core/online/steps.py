@@ -1,0 +1,86 @@
+"""Compiled: what the steps of several laws have in common. x is the regressor of a sample, the gradient of its
+prediction."""
+
+import numpy as np
+
+from friction_estimator.compiled import njit
+from friction_estimator.core.model.prediction import HEAD, TAPS, WEIGHTS
+from friction_estimator.core.online import workspace as at
+from friction_estimator.core.settings.groups import LARGEST_PARAMETER
+
+
+@njit(cache=True, forceinline=True, fastmath={"reassoc", "contract"})
+def dot(a, b):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return a' b, summed in the order that vectorises (the same for every call)."""
+    total = 0.0
+    for i in range(a.size):
+        total += a[i] * b[i]
+    return total
+
+
+@njit(cache=True, forceinline=True, fastmath={"reassoc", "contract"})
+def normalise_taps(shape, theta):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Divide A by its norm (the paper's A = A*/||A*||); return the norm, 0 where A vanished and was left alone."""
+    taps = shape[TAPS]
+    norm = 0.0
+    for i in range(taps):
+        norm += theta[i] * theta[i]
+    norm = np.sqrt(norm)
+    if norm > 1e-12:
+        share = 1.0 / norm
+        for i in range(taps):
+            theta[i] *= share
+        return norm
+    return 0.0
+
+
+@njit(cache=True, forceinline=True)
+def step_along(theta, direction, power, gain, status):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """theta += gain direction, unless |theta| could leave the guarded range: then nothing is learned here.
+
+    `power` is direction' direction.
+    """
+    reach = np.sqrt(dot(theta, theta)) + abs(gain) * np.sqrt(power)
+    if not reach < LARGEST_PARAMETER:  # also true for NaN
+        status[at.GUARDED] += 1
+        return False
+    for i in range(theta.size):
+        theta[i] += gain * direction[i]
+    return True
+
+
+@njit(cache=True, forceinline=True)
+def trusted(shape, ring, law, status, along, direction, power, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return `gain`, shortened until the model's bilinear term agrees with its linearisation.
+
+    Along gain * direction the prediction changes by gain x' direction + gain^2 sum_i dA_i dW' Psi[k-i] exactly. The
+    second term, which the law does not know of, is kept below half of the first: then a step that removes at most the
+    whole error of the linearised model never enlarges the error on its own sample. Mostly that is seen without the
+    sum: it is below |dW| max |Psi| sum_i |dA_i|.
+
+    Parameters
+    ----------
+    along : x' direction. power : direction' direction.
+    """
+    total = 0.0
+    for i in range(shape[TAPS]):
+        total += abs(direction[i])
+    if abs(gain) * total * np.sqrt(power * law[at.ROW_POWER]) < 0.49 * abs(along):
+        return gain
+    return _shortened(shape, ring, status, along, direction, gain)
+
+
+@njit(cache=True)
+def _shortened(shape, ring, status, along, direction, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    taps, weights = shape[TAPS], shape[WEIGHTS]
+    step = direction[taps : taps + weights]
+    bilinear = 0.0
+    place = status[HEAD] % taps
+    for i in range(taps):
+        bilinear += direction[i] * dot(step, ring[place])
+        place = place - 1 if place > 0 else taps - 1
+    linear, bilinear = abs(gain * along), gain * gain * abs(bilinear)
+    if bilinear <= 0.5 * linear:
+        return gain
+    status[at.GUARDED] += 1
+    return gain * 0.5 * linear / bilinear
