@@ -11,7 +11,7 @@ from synthetic import MODELS, RATE, config_for, known_system, noisy, samples_of,
 from friction_estimator.core.model.prior import Prior
 from friction_estimator.core.online import workspace
 from friction_estimator.core.online.estimator import Estimator
-from friction_estimator.core.online.law_steps import PULL_EVERY
+from friction_estimator.core.online.rls import PULL_EVERY
 from friction_estimator.core.sample import Samples
 
 SMALL = {"fir__order": 2, "basis__finest_level": 1}

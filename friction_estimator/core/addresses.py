@@ -5,6 +5,7 @@ than on learning from it. Here it is handed one table of addresses and sizes, ma
 arrays together from it. Where vectors are read, rows are whole cache lines that begin on one (`placed`).
 """
 
+from collections import namedtuple
 from collections.abc import Sequence
 from typing import Any
 
@@ -61,9 +62,38 @@ def _entry(array: NDArray[Any], dtype: Any) -> tuple[int, ...]:
         if len(sizes) > 1 and (sizes[-2] > 1 or _is_placed(array)):
             sizes[-1] = max(sizes[-1], array.strides[-2] // array.itemsize)
         steps = np.cumprod([array.itemsize, *sizes[:0:-1]])[::-1]
-        if any(count > 1 and step != wanted for count, step, wanted in zip(array.shape, array.strides, steps)):
+        if any(
+            count > 1 and step != wanted for count, step, wanted in zip(array.shape, array.strides, steps, strict=True)
+        ):
             raise ValueError(f"an array of shape {array.shape} and steps of {array.strides} bytes")
     return (array.__array_interface__["data"][0], *sizes, *([1] * (LARGEST_RANK - len(sizes))))
+
+
+class Layout:
+    """Which arrays a table holds, in their order, and of which types.
+
+    Parameters
+    ----------
+    dtypes : type by name.
+
+    Attributes
+    ----------
+    at : place by name, for compiled code: `floats(table, LAYOUT.at.velocity)` with `LAYOUT.at` in a global.
+
+    >>> layout = Layout(row=np.int64, value=np.float64)
+    >>> layout.at.value
+    1
+    >>> layout.addresses(value=np.zeros(3), row=np.zeros(2, np.int64)).table[:, 1].tolist()
+    [2, 3]
+    """
+
+    def __init__(self, **dtypes: Any) -> None:
+        self._dtypes = dtypes
+        self.at: Any = namedtuple("Places", dtypes)(*range(len(dtypes)))  # type: ignore[misc] # numba reads its fields
+
+    def addresses(self, **arrays: NDArray[Any]) -> Addresses:
+        """Return the addresses of the arrays; all of them are to be given."""
+        return Addresses([arrays[name] for name in self._dtypes], list(self._dtypes.values()))
 
 
 def padded(size: int) -> int:
@@ -136,6 +166,18 @@ def float_blocks(table, place):  # type: ignore[no-untyped-def] # pragma: no cov
 def ints(table, place):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Return the int64 array at a place of the table, (n,)."""
     return carray(_pointer(table[place, 0]), (table[place, 1],), np.int64)
+
+
+@njit(forceinline=True)
+def int_rows(table, place):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return the int64 array at a place of the table, (n, m)."""
+    return carray(_pointer(table[place, 0]), (table[place, 1], table[place, 2]), np.int64)
+
+
+@njit(forceinline=True)
+def bytes_of(table, place):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return the int8 array at a place of the table, (n,)."""
+    return carray(_pointer(table[place, 0]), (table[place, 1],), np.int8)
 
 
 @njit(forceinline=True)

@@ -270,7 +270,7 @@ class WaveletBasis:
 
     @property
     def row_power(self) -> float:
-        """Bound of the sum of squares of a row: between rows of the table values are linear, so these are the largest."""
+        """Bound of the sum of squares of a row: values are linear between the rows of the table."""
         powers = np.sum(np.square(self._table), axis=2).max(axis=1)
         return float(np.sum(self._scale * powers[self._kind]))
 

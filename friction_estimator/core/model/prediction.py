@@ -26,7 +26,7 @@ HEAD = 0
 
 
 def delay_lines(shape: Ints) -> tuple[Floats, Floats, Ints]:
-    """Return delay lines that hold nothing: ring, (taps, padded weights), ring_theory, (max(theory taps, 1),), status."""
+    """Return empty delay lines: ring, (taps, padded weights), ring_theory, (max(theory taps, 1),), and status."""
     taps, weights, theory_taps, _ = shape
     return np.zeros((taps, padded(int(weights)))), np.zeros(max(1, theory_taps)), np.array([-1], np.int64)
 

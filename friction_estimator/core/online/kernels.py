@@ -11,6 +11,7 @@ from friction_estimator.compiled import njit
 from friction_estimator.core.addresses import (
     LINE,
     Addresses,
+    Layout,
     bools,
     float_blocks,
     float_rows,
@@ -79,23 +80,23 @@ def noise_in(theta, shape, column_noise):  # type: ignore[no-untyped-def] # prag
     return total
 
 
-SAMPLES = {
-    "index": np.int32,
-    "value": np.float64,
-    "cell": np.int64,
-    "beyond": np.float64,
-    "velocity": np.float64,
-    "theory": np.float64,
-    "extension": np.float64,
-    "column_noise": np.float64,
-    "known": np.float64,
-    "target": np.float64,
-    "restart": np.bool_,
-    "learn": np.bool_,
-    "predicted": np.float64,
-    "deviation": np.float64,
-}
-"""What `run` takes of a batch of samples, and of which type.
+SAMPLES = Layout(
+    index=np.int32,
+    value=np.float64,
+    cell=np.int64,
+    beyond=np.float64,
+    velocity=np.float64,
+    theory=np.float64,
+    extension=np.float64,
+    column_noise=np.float64,
+    known=np.float64,
+    target=np.float64,
+    restart=np.bool_,
+    learn=np.bool_,
+    predicted=np.float64,
+    deviation=np.float64,
+)
+"""What `run` takes of n samples.
 
 index, value : (n, width), rows of Psi. cell : (n,), cell of the velocity. beyond : (n,), relative distance outside
     the range. velocity : (n,), m/s. theory : (n,), d. extension : (n, columns).
@@ -107,65 +108,27 @@ restart, learn : (n,).
 predicted, deviation : (n,), filled with the a priori prediction and its standard deviation.
 """
 
+_S, _W = SAMPLES.at, at.LAYOUT.at
+
 
 def batch(inputs: Inputs, velocity: Floats, learn: Bools, predicted: Floats, deviation: Floats) -> Addresses:
-    """Return the samples as `run` takes them; see `SAMPLES`."""
-    arrays = {
-        "index": inputs.index,
-        "value": inputs.value,
-        "cell": inputs.cell,
-        "beyond": inputs.beyond,
-        "velocity": velocity,
-        "theory": inputs.theory,
-        "extension": inputs.extension,
-        "column_noise": inputs.noise,
-        "known": inputs.known,
-        "target": inputs.target,
-        "restart": inputs.restart,
-        "learn": learn,
-        "predicted": predicted,
-        "deviation": deviation,
-    }
-    return Addresses([arrays[name] for name in SAMPLES], list(SAMPLES.values()))
-
-
-_SAMPLES, _WORK = list(SAMPLES), at.NAMES
-_INDEX = _SAMPLES.index("index")
-_VALUE = _SAMPLES.index("value")
-_CELL = _SAMPLES.index("cell")
-_BEYOND = _SAMPLES.index("beyond")
-_VELOCITY = _SAMPLES.index("velocity")
-_THEORY = _SAMPLES.index("theory")
-_EXTENSION = _SAMPLES.index("extension")
-_COLUMN_NOISE = _SAMPLES.index("column_noise")
-_KNOWN = _SAMPLES.index("known")
-_TARGET = _SAMPLES.index("target")
-_RESTART = _SAMPLES.index("restart")
-_LEARN = _SAMPLES.index("learn")
-_PREDICTED = _SAMPLES.index("predicted")
-_DEVIATION = _SAMPLES.index("deviation")
-
-_SHAPE = _WORK.index("shape")
-_THETA = _WORK.index("theta")
-_RING = _WORK.index("ring")
-_RING_THEORY = _WORK.index("ring_theory")
-_ROOT = _WORK.index("root")
-_PRIOR = _WORK.index("prior")
-_MEAN = _WORK.index("mean")
-_INFORMATION = _WORK.index("information")
-_PRIOR_ROOT = _WORK.index("prior_root")
-_NOISE = _WORK.index("noise")
-_OWED = _WORK.index("owed")
-_LAW = _WORK.index("law")
-_MOMENTS = _WORK.index("moments")
-_STATUS = _WORK.index("status")
-_ERRORS = _WORK.index("errors")
-_REST = _WORK.index("rest")
-_KEPT = _WORK.index("kept")
-_KEPT_ROOT = _WORK.index("kept_root")
-_TRIAL = _WORK.index("trial")
-_HOLD = _WORK.index("hold")
-_SCRATCH = _WORK.index("scratch")
+    """Return samples as `run` takes them; see `SAMPLES`."""
+    return SAMPLES.addresses(
+        index=inputs.index,
+        value=inputs.value,
+        cell=inputs.cell,
+        beyond=inputs.beyond,
+        velocity=velocity,
+        theory=inputs.theory,
+        extension=inputs.extension,
+        column_noise=inputs.noise,
+        known=inputs.known,
+        target=inputs.target,
+        restart=inputs.restart,
+        learn=learn,
+        predicted=predicted,
+        deviation=deviation,
+    )
 
 
 @njit(cache=True, nogil=True)
@@ -182,22 +145,22 @@ def run(law_number, samples, work):  # type: ignore[no-untyped-def] # pragma: no
     -------
     0, or, where the range is to grow, the number of samples taken: the caller has to see to it before it goes on.
     """
-    index, value = int32_rows(samples, _INDEX), float_rows(samples, _VALUE)
-    cell, beyond = ints(samples, _CELL), floats(samples, _BEYOND)
-    velocity, theory, target = floats(samples, _VELOCITY), floats(samples, _THEORY), floats(samples, _TARGET)
-    extension, column_noise = float_rows(samples, _EXTENSION), float_rows(samples, _COLUMN_NOISE)
-    known, restart, learn = float_rows(samples, _KNOWN), bools(samples, _RESTART), bools(samples, _LEARN)
-    predicted, deviation = floats(samples, _PREDICTED), floats(samples, _DEVIATION)
+    index, value = int32_rows(samples, _S.index), float_rows(samples, _S.value)
+    cell, beyond = ints(samples, _S.cell), floats(samples, _S.beyond)
+    velocity, theory, target = floats(samples, _S.velocity), floats(samples, _S.theory), floats(samples, _S.target)
+    extension, column_noise = float_rows(samples, _S.extension), float_rows(samples, _S.column_noise)
+    known, restart, learn = float_rows(samples, _S.known), bools(samples, _S.restart), bools(samples, _S.learn)
+    predicted, deviation = floats(samples, _S.predicted), floats(samples, _S.deviation)
 
-    shape, theta = ints(work, _SHAPE), floats(work, _THETA)
-    ring, ring_theory = float_rows(work, _RING), floats(work, _RING_THEORY)
-    root, prior, mean = float_rows(work, _ROOT), floats(work, _PRIOR), floats(work, _MEAN)
-    information, prior_root = float_rows(work, _INFORMATION), float_rows(work, _PRIOR_ROOT)
-    noise, owed, law = float_rows(work, _NOISE), floats(work, _OWED), floats(work, _LAW)
-    moments, status, errors = floats(work, _MOMENTS), ints(work, _STATUS), float_rows(work, _ERRORS)
-    rest, hold, trial = floats(work, _REST), floats(work, _HOLD), float_rows(work, _TRIAL)
-    kept, kept_root = float_rows(work, _KEPT), float_blocks(work, _KEPT_ROOT)
-    scratch = float_rows(work, _SCRATCH)
+    shape, theta = ints(work, _W.shape), floats(work, _W.theta)
+    ring, ring_theory = float_rows(work, _W.ring), floats(work, _W.ring_theory)
+    root, prior, mean = float_rows(work, _W.root), floats(work, _W.prior), floats(work, _W.mean)
+    information, prior_root = float_rows(work, _W.information), float_rows(work, _W.prior_root)
+    noise, owed, law = float_rows(work, _W.noise), floats(work, _W.owed), floats(work, _W.law)
+    moments, status, errors = floats(work, _W.moments), ints(work, _W.status), float_rows(work, _W.errors)
+    rest, hold, trial = floats(work, _W.rest), floats(work, _W.hold), float_rows(work, _W.trial)
+    kept, kept_root = float_rows(work, _W.kept), float_blocks(work, _W.kept_root)
+    scratch = float_rows(work, _W.scratch)
 
     n = theta.size
     begin = -shape[TAPS] % LINE
@@ -312,7 +275,7 @@ def run(law_number, samples, work):  # type: ignore[no-untyped-def] # pragma: no
             learn_nlms(shape, theta, ring, law, status, prior, x, clipped, gain)
             continue
         if LEAST_EXCITATION < r < LARGEST_EXCITATION:
-            w = learn_rls(shape, theta, ring, law, moments, status, root, x, error, clipped, projected, r, gain)
+            w = learn_rls(shape, theta, ring, law, moments, status, root, error, clipped, projected, r, gain)
             for load in range(noise.shape[0]):
                 noise[load, 0] += w * column_noise[k, load]
         status[at.UNPULLED] += 1

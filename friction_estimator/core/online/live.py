@@ -9,20 +9,26 @@ samples at once, a load, extension terms, a table for theory) goes through those
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
-from math import isfinite
 
 import numpy as np
 
-from friction_estimator.core.addresses import Addresses
 from friction_estimator.core.intake.admission import Intake
-from friction_estimator.core.intake.encoder import unwrap
-from friction_estimator.core.intake.pairing import HELD, POSITION, PRESSURE, USED, Pairs, admit, pair
-from friction_estimator.core.model.basis import WaveletBasis, wavelet_rows
+from friction_estimator.core.intake.pairing import HELD, USED, Pairs
+from friction_estimator.core.model.basis import WaveletBasis
 from friction_estimator.core.model.theory_seal import SealCurve
 from friction_estimator.core.model.theory_stribeck import StribeckCurve
 from friction_estimator.core.online import kernels
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.online.first_contact import FirstContact
+from friction_estimator.core.online.single import (
+    DEVIATION,
+    PREDICTED,
+    VELOCITY,
+    events_table,
+    prepare,
+    receive,
+    sample_table,
+)
 from friction_estimator.core.sample import Samples, in_sequence
 from friction_estimator.core.settings.config import Config
 
@@ -84,17 +90,13 @@ class LiveStep(Events):
         self.behind = 0
         self._backlog: deque[Samples] = deque()
         self._build = build
-        self._events = [(self.stream[:n], self.stamp_ns[:n], self.value[:n]) for n in range(CAPACITY + 1)]
         stamp, velocity, friction = np.zeros(CAPACITY, np.int64), np.zeros(CAPACITY), np.zeros(CAPACITY)
         held = np.zeros((CAPACITY, HELD))
         self._out = stamp, velocity, friction, held
         self._stamp, self._velocity, self._friction, self._held = stamp[:1], velocity[:1], friction[:1], held[:1]
         self._status, self._restart = np.zeros(1, np.int8), np.zeros(1, np.bool_)
-        self._position, self._shift = np.zeros(1), np.zeros(1)
-        self._learn, self._predicted, self._deviation = np.zeros(1, np.bool_), np.zeros(1), np.zeros(1)
-        self._pressure, self._temperature = np.zeros(1), np.zeros(1)
-        self._theory, self._target = np.zeros(1), np.zeros(1)
-        self._cell, self._beyond = np.zeros(1, np.int64), np.zeros(1)
+        self._outcome = np.zeros(4)
+        self._usual = False
         self._connect(intake)
         if estimator is None and config.is_met:
             self.estimator = build(config)
@@ -111,13 +113,11 @@ class LiveStep(Events):
 
     def _connect(self, intake: Intake) -> None:
         self.intake = intake
-        self._pairing = intake.pairer.arguments(*self._out)
-        self._admission = intake.sequencer.arguments(
-            self._stamp, self._velocity, self._friction, self._status, self._restart
-        )
-        self._unwrapping = intake.encoder.arguments(
-            self._stamp, self._velocity, self._restart, self._position, self._shift
-        )
+        pairing = intake.pairer.arguments(*self._out)
+        admission = intake.sequencer.arguments(self._stamp, self._velocity, self._friction, self._status, self._restart)
+        unwrapping = intake.encoder.arguments(self._stamp, self._velocity, self._restart, np.zeros(1), np.zeros(1))
+        room = self.stream, self.stamp_ns, self.value
+        self._events = events_table(room, pairing, admission, unwrapping)
 
     def run(self, count: int, *, learn: bool, most: int | None = None) -> list[Prediction]:
         """Take the first `count` events of `stream`, `stamp_ns`, `value`, in order of arrival.
@@ -130,19 +130,13 @@ class LiveStep(Events):
         -------
         The predictions of the samples that were completed and admitted; none while the first contact lasts.
         """
-        joined = pair(*self._events[count], *self._pairing)
         estimator = self.estimator
+        alone = self._usual and most is None and not self.behind
+        joined = receive(self._events.table, count, alone)
         if not joined:
             return self.work_off(most, learn=learn) if self.behind else []
-        if joined == 1 and most is None and estimator is not None and self._usual and not self.behind:
-            admit(*self._admission)
-            if self._status.item() != USED:
-                return []
-            position = self._held.item(0, POSITION - PRESSURE)
-            if isfinite(position):  # nothing here depends on it, but turns are counted from sample to sample
-                self._position[0] = position
-                unwrap(*self._unwrapping)
-            return [self._step(estimator, learn)]
+        if joined == 1 and alone and estimator is not None:
+            return [self._step(estimator, learn)] if self._status.item() == USED else []
         stamp, velocity, friction, held = self._out
         pairs = Pairs(*(a[:joined].copy() for a in (stamp, velocity, friction, held)))  # type: ignore[arg-type]
         samples = self.intake.admit(pairs)
@@ -216,52 +210,57 @@ class LiveStep(Events):
         )
         if not isinstance(basis, WaveletBasis) or not self._usual:
             return
-        index, row = np.zeros((1, basis.width), np.int32), np.zeros((1, basis.width))
-        self._low, self._high = basis.reach
-        self._rows = basis.row_arguments(self._velocity, index, row, self._cell)
-        self._curve = curve if isinstance(curve, SealCurve | StribeckCurve) else None
-        self._curve_arguments = (
-            self._curve.arguments(self._velocity, self._pressure, self._temperature, self._theory)
-            if self._curve is not None
-            else ()
-        )
+        index, row, cell = np.zeros((1, basis.width), np.int32), np.zeros((1, basis.width)), np.zeros(1, np.int64)
         nothing = np.zeros((1, 0))
-        samples = (index, row, self._cell, self._beyond, self._velocity, self._theory, nothing, nothing, nothing)
-        outcome = (self._target, self._restart, self._learn, self._predicted, self._deviation)
-        self._samples = Addresses([*samples, *outcome], list(kernels.SAMPLES.values()))
-        self._arguments = estimator.law.number, self._samples.table, self._work.addresses.table
-        self._unit, self._sign = model.unit_N, self.intake.sign
-        self._theory_scale = model.theory_scale
-        theory = config.theory
-        self._ambient, self._default_pressure = theory.ambient_pressure, theory.default_pressure
-        self._default_temperature = theory.default_temperature
+        given = config.theory
+        settings = (
+            self.intake.sign,
+            model.unit_N,
+            model.theory_scale,
+            given.ambient_pressure,
+            given.default_pressure,
+            given.default_temperature,
+        )
+        velocity, predicted, deviation = (
+            self._outcome[place : place + 1] for place in (VELOCITY, PREDICTED, DEVIATION)
+        )
+        shared = {name: np.zeros(1) for name in ("theory", "target", "beyond")} | {"learn": np.zeros(1, np.bool_)}
+        self._sample = sample_table(
+            basis.row_arguments(velocity, index, row, cell),
+            curve if isinstance(curve, SealCurve | StribeckCurve) else None,
+            settings,
+            paired_velocity=self._velocity,
+            paired_friction=self._friction,
+            held=self._held,
+            outcome=self._outcome,
+            **shared,
+        )
+        self._batch = kernels.SAMPLES.addresses(
+            index=index,
+            value=row,
+            cell=cell,
+            velocity=velocity,
+            extension=nothing,
+            column_noise=nothing,
+            known=nothing,
+            restart=self._restart,
+            predicted=predicted,
+            deviation=deviation,
+            **shared,
+        )
+        self._arguments = estimator.law.number, self._batch.table, self._work.addresses.table
+        self._unit = model.unit_N
 
     def _step(self, estimator: Estimator, learn: bool) -> Prediction:
         """Predict and learn from the one sample in the arrays."""
         if estimator.work is not self._work or estimator.config is not self._config:
             self._refresh(estimator)
-        unit = self._unit
-        velocity = self._velocity.item()
-        friction = self._sign * self._friction.item()
-        wavelet_rows(*self._rows)
-        if self._curve is not None:
-            pressure, temperature, _ = self._held[0].tolist()
-            self._pressure[0] = pressure - self._ambient if isfinite(pressure) else self._default_pressure
-            self._temperature[0] = temperature if isfinite(temperature) else self._default_temperature
-            self._curve.loop(*self._curve_arguments)
-            self._theory[0] = self._theory_scale * self._theory.item() / unit
-        self._target[0] = friction / unit
-        self._beyond[0] = 0.0 if self._low <= velocity <= self._high else self._model.beyond(self._velocity).item()
-        self._learn[0] = learn
-        if kernels.run(*self._arguments):
+        prepare(self._sample.table, learn)
+        grows, unit = kernels.run(*self._arguments), self._unit
+        velocity, friction, predicted, deviation = self._outcome.tolist()
+        if grows:
             estimator.grow()
-        return (
-            int(self._stamp.item()),
-            velocity,
-            friction,
-            self._predicted.item() * unit,
-            self._deviation.item() * unit,
-        )
+        return self._stamp.item(), velocity, friction, predicted * unit, deviation * unit
 
     @staticmethod
     def _several(estimator: Estimator, samples: Samples, learn: bool) -> list[Prediction]:

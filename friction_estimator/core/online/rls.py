@@ -66,7 +66,7 @@ def _next(x, i):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
 
 
 @njit(cache=True, forceinline=True)
-def learn_rls(shape, theta, ring, law, moments, status, root, x, error, clipped, projected, r, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def learn_rls(shape, theta, ring, law, moments, status, root, error, clipped, projected, r, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Recursive prediction error under a prior that is never spent, in square-root form.
 
     P = S S' is positive semidefinite whatever is rounded. With r = x' P x in units of the residual variance,

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from friction_estimator.core.addresses import LINE, Addresses, padded, placed
+from friction_estimator.core.addresses import LINE, Addresses, Layout, padded, placed
 from friction_estimator.core.model import prediction
 from friction_estimator.core.sample import Floats, Ints
 
@@ -112,13 +112,12 @@ class Workspace:
     @cached_property
     def addresses(self) -> Addresses:
         """The arrays as `kernels.run` takes them, in the order of the fields."""
-        return Addresses([getattr(self, name) for name in NAMES], [DTYPES.get(name, np.float64) for name in NAMES])
+        return LAYOUT.addresses(**{name: getattr(self, name) for name in NAMES})
 
 
 NAMES = tuple(f.name for f in fields(Workspace))
 
-DTYPES = {"shape": np.int64, "status": np.int64}
-"""Of the fields that hold no floats."""
+LAYOUT = Layout(**{name: np.int64 if name in ("shape", "status") else np.float64 for name in NAMES})
 
 
 def cold_moments() -> Floats:
