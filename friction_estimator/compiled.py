@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable
 from functools import cache as remembered
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numba
@@ -189,19 +190,35 @@ class _CheckedCache(FunctionCache):  # type: ignore[misc]
 
 
 def _stamp(function: Callable[..., Any]) -> str:
-    """Return a digest of the source files of a function and of all compiled ones that it can call.
+    """Return a digest of all that the compiled form of a function follows from.
 
-    numba looks at the function's own file only, and so runs old code where a function that it calls has changed.
+    These are the source files of the function, of all compiled ones that it can call and of the modules whose names it
+    can read, and the constants among its globals, wherever they were imported from. numba looks at the function's own
+    file only, and so runs old code where a function that it calls, or a constant that it reads, has changed.
     """
     files: set[str] = set()
-    waiting = [function]
+    constants: set[str] = set()
+    package = function.__module__.partition(".")[0]
+    waiting = [(function.__code__.co_filename, function.__globals__)]
     while waiting:
-        one = waiting.pop()
-        if one.__code__.co_filename in files:
+        file, names = waiting.pop()
+        if file in files:
             continue
-        files.add(one.__code__.co_filename)
-        waiting += [known.py_func for known in one.__globals__.values() if isinstance(known, Dispatcher)]
-    return hashlib.sha256(b"".join(map(_digest, sorted(files)))).hexdigest()
+        files.add(file)
+        for name, value in names.items():
+            if isinstance(value, Dispatcher):
+                waiting.append((value.py_func.__code__.co_filename, value.py_func.__globals__))
+            elif isinstance(value, ModuleType):
+                if value.__name__.partition(".")[0] == package and value.__file__:
+                    waiting.append((value.__file__, vars(value)))
+            elif _is_constant(value) and not name.startswith("__"):
+                constants.add(f"{name} = {value!r}")
+    parts = [*map(_digest, sorted(files)), *(constant.encode() for constant in sorted(constants))]
+    return hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in parts)).hexdigest()
+
+
+def _is_constant(value: object) -> bool:
+    return isinstance(value, int | float | str) or (isinstance(value, tuple) and all(map(_is_constant, value)))
 
 
 @remembered

@@ -81,6 +81,40 @@ def test_an_edit_of_what_a_function_calls_is_noticed(module, tmp_path, monkeypat
     assert called(5) == 10
 
 
+READS = {
+    "a constant imported by its name": "from PACKAGE.places import FACTOR as factor\n",
+    "a constant of a module": "from PACKAGE import places\nfactor = None\n",
+}
+
+
+@pytest.mark.parametrize(("how", "expression"), list(zip(READS, ["factor", "places.FACTOR"], strict=True)))
+def test_an_edit_of_a_constant_in_another_file_is_noticed(how, expression, tmp_path, monkeypatch):
+    """A constant is compiled in: the places of workspace.py, say, in every loop."""
+    name = f"package_{expression.replace('.', '_')}"
+    package = tmp_path / name
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "loops.py").write_text(
+        "from friction_estimator.compiled import njit\n" + READS[how].replace("PACKAGE", name) + "\n"
+        f"@njit(cache=True)\ndef outer(x):\n    return {expression} * x\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+
+    def found(factor):
+        (package / "places.py").write_text(f"FACTOR = {factor}\n")
+        for module in [module for module in sys.modules if module.partition(".")[0] == name]:
+            del sys.modules[module]
+        importlib.invalidate_caches()
+        compiled._digest.cache_clear()
+        outer = importlib.import_module(f"{name}.loops").outer
+        return outer(2), sum(outer.stats.cache_hits.values())
+
+    assert found(3) == (6, 0)
+    assert found(3) == (6, 1)
+    assert found(5) == (10, 0)
+
+
 def damages(content):
     yield b""
     yield content[: len(content) // 2]

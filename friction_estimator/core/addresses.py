@@ -89,7 +89,7 @@ class Layout:
 
     def __init__(self, **dtypes: Any) -> None:
         self._dtypes = dtypes
-        self.at: Any = namedtuple("Places", dtypes)(*range(len(dtypes)))  # type: ignore[misc] # numba reads its fields
+        self.at: Any = namedtuple("Places", dtypes)(*range(len(dtypes)))  # compiled code reads its fields
 
     def addresses(self, **arrays: NDArray[Any]) -> Addresses:
         """Return the addresses of the arrays; all of them are to be given."""

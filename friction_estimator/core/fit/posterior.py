@@ -7,7 +7,7 @@ logarithm of the posterior is, up to a constant,
 
 with C half the mean square error and n the effective number of samples. A record of one sine does not say more when it
 goes on: its misfit repeats. So n stops growing where the mean leverage of a sample, E[x' P x] / rho with P the
-posterior covariance, has come down to 1 - lambda: the same bound by which rls stops (see `online.kernels`). And rho is
+posterior covariance, has come down to 1 - lambda: the same bound by which rls stops (see `online.rls`). And rho is
 `COLOUR` times the record's own mean square error where that is more than the prior's: what the structure cannot follow
 would outvote any prior otherwise.
 
@@ -87,7 +87,7 @@ class Posterior:
         """Return the covariance of theta, (n, n), in squared normalised units.
 
         It is the inverse of `information` less what noise in the columns of the load seemed to bring (see
-        `online.law_steps.without_noise`).
+        `online.rls.without_noise`).
         """
         return self._without_noise(theta)[0]
 
