@@ -1,6 +1,7 @@
 """Outputs are replaced whole or not at all, by one process at a time, and nothing of a user's is lost with them."""
 
 import os
+import shutil
 import subprocess
 import sys
 import threading
@@ -236,6 +237,25 @@ def test_what_a_killed_writer_left_is_swept_and_nothing_else(tmp_path, holder):
     assert all((folder / "mine").exists() for folder in users)
     alive.communicate()
     assert not places[1].exists()
+
+
+def test_a_lock_that_somebody_removed_is_taken_anew_and_never_another_processs(tmp_path, holder):
+    path = tmp_path / "sub" / "run"
+    with Staging(path) as staging:
+        for gone in (staging.folder, path.parent):
+            shutil.rmtree(gone)
+            with staging.file() as part:
+                part.write_text("mine")
+            assert path.read_text() == "mine"
+        shutil.rmtree(staging.folder)
+        other = holder(path)
+        with pytest.raises(InUseError, match=f"process {other.pid} "), staging.file():
+            pass
+        with pytest.raises(InUseError, match=f"process {other.pid} "), staging.replacement(lambda _: None):
+            pass
+    assert (staging.folder / "owner").exists(), "it is the other one's to remove"
+    other.communicate()
+    assert [item.name for item in path.parent.iterdir()] == ["run"]
 
 
 @pytest.mark.parametrize("content", [{"mine": "x"}, {"owner": "x"}, {"owner": "", "mine": "x"}])

@@ -4,6 +4,7 @@ import json
 import logging
 import os
 import random
+import shutil
 import socket
 import subprocess
 import sys
@@ -450,6 +451,25 @@ def test_a_second_node_loads_and_goes_on_without_saving_until_the_first_has_ende
     assert read_state(path)["arrays"]["status"][at.SEEN] == 1501
     keeper.close(estimator)
     assert os.listdir(tmp_path) == ["state.json"]
+
+
+def test_saving_goes_on_where_somebody_removed_the_lock_or_the_whole_folder(tmp_path):
+    """As it was, each later save failed until the node was started again; with a second node, both saved."""
+    path = tmp_path / "states" / "state.json"
+    keeper, _ = keeper_of(path)
+    estimator = learned()
+    for gone in (path.parent / ".state.json.friction_estimator", path.parent):
+        shutil.rmtree(gone)
+        keeper.save(estimator)
+        assert path.read_bytes() == dumps(estimator.state())
+    shutil.rmtree(path.parent)
+    second, _ = keeper_of(path)
+    with pytest.raises(InputError, match=f"in use by process {os.getpid()}"):
+        keeper.save(estimator)
+    second.close(None)
+    keeper.save(estimator)
+    keeper.close(None)
+    assert os.listdir(path.parent) == ["state.json"]
 
 
 def test_an_unsound_state_is_not_saved_over_a_sound_one(tmp_path):

@@ -96,8 +96,8 @@ class Staging:
         Raises InUseError where a living process holds it, InputError where it cannot be made.
         """
         try:
-            self._make_parents()
             for _ in range(_TRIES):
+                self._make_parents()
                 if self._taken():
                     self._sweep()
                     self._sign()
@@ -163,8 +163,8 @@ class Staging:
         Raises InputError where it cannot be written, or what stands there may not be replaced.
         """
         former = self.folder / _FORMER
-        remove_tree(former)
         with self._part() as part:
+            remove_tree(former)
             yield part
             refuse(self.target, refusal)
             put_folder(part, self.target, former)
@@ -176,6 +176,7 @@ class Staging:
     @contextmanager
     def _part(self) -> Iterator[Path]:
         """Yield a path to build under, of the target's name; whatever is left there is removed."""
+        self._keep()
         new = self.folder / _NEW
         try:
             new.mkdir()
@@ -188,6 +189,21 @@ class Staging:
         finally:
             remove_tree(new)
 
+    def _keep(self) -> None:
+        """Take the folder anew where somebody removed or moved it: another process may have it by now (see `take`)."""
+        if self._descriptor is None or not self._is_owner(self._descriptor):
+            if self._descriptor is not None:
+                os.close(self._descriptor)
+            self._descriptor = None
+            self.take()
+
+    def _is_owner(self, descriptor: int) -> bool:
+        """Whether the file that this process has locked is still the one in the folder."""
+        try:
+            return os.path.samestat(os.fstat(descriptor), (self.folder / _OWNER).lstat())
+        except OSError:
+            return False
+
     def _make_parents(self) -> None:
         missing = [parent for parent in self.target.parents if not parent.exists()]
         for parent in reversed(missing):
@@ -197,8 +213,12 @@ class Staging:
 
     def _taken(self) -> bool:
         """Try to become the owner; False where the last one was about to remove the folder."""
-        with suppress(FileExistsError):
+        try:
             self.folder.mkdir(stat.S_IRWXU)
+        except FileExistsError:
+            pass
+        except FileNotFoundError:  # a parent is gone, removed by a process that had made it for nothing
+            return False
         flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
         try:
             if not stat.S_ISDIR(self.folder.lstat().st_mode):
@@ -216,11 +236,7 @@ class Staging:
             if error.errno not in _NO_LOCKS:
                 os.close(descriptor)
                 raise
-        try:
-            current = os.path.samestat(os.fstat(descriptor), (self.folder / _OWNER).lstat())
-        except FileNotFoundError:
-            current = False
-        if not current:
+        if not self._is_owner(descriptor):
             os.close(descriptor)
             return False
         content = os.pread(descriptor, len(_HEADER), 0).decode(errors="replace")
