@@ -1,6 +1,7 @@
 """The border for YAML and JSON: what is hostile or mistaken is refused in one line, within bounds."""
 
 import os
+import re
 import socket
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from friction_estimator.core.errors import InputError
+from friction_estimator.core.errors import ConfigError, InputError
 from friction_estimator.core.model.theory_table_file import read_table
 from friction_estimator.core.regular_file import open_regular, read_regular
 from friction_estimator.core.settings.config import PARAMETERS, Config
@@ -248,6 +249,25 @@ def test_no_setting_takes_what_no_setting_can_be(item, value):
             assert item.name in line
             assert line.isprintable()
             assert len(line) < 600
+
+
+@pytest.mark.parametrize(
+    ("content", "line", "name"),
+    [
+        ("/**: {ros__parameters: {model.law: lms}}\n/**: {ros__parameters: {force_unit: 2.0}}\n", 2, "/**"),
+        ("/**:\n  ros__parameters:\n    model: {law: lms}\n    model: {type: hammerstein}\n", 4, "model"),
+    ],
+)
+def test_no_section_is_lost_beside_a_second_of_its_name(tmp_path, content, line, name):
+    """As it was, the first was passed over in silence; rcl, and so the node, takes both."""
+    path = tmp_path / "twice.yaml"
+    path.write_text(content)
+    with pytest.raises(ConfigError, match=re.escape(f"twice.yaml line {line}: {name} stands here a second time")):
+        read_config(path)
+
+
+def test_what_is_merged_may_be_replaced():
+    assert parse_yaml("{a: &a {x: 1, y: 2}, b: &b {<<: *a, x: 3}, c: {<<: *b, y: 4}}", "text")["c"] == {"x": 3, "y": 4}
 
 
 def test_a_file_for_several_nodes_may_name_them_below_their_namespace(tmp_path):

@@ -179,6 +179,19 @@ class _Loader(yaml.SafeLoader):
             self._sizes[event.anchor] = self._nodes - before
         return node
 
+    def compose_mapping_node(self, anchor: Any) -> Any:
+        """Return a section whose names differ: YAML leaves open which of two counts, PyYAML and rcl do not agree."""
+        node = super().compose_mapping_node(anchor)
+        names: set[str] = set()
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode):
+                if key.value in names:
+                    raise yaml.composer.ComposerError(
+                        None, None, f"{shown(key.value, LONGEST_NAME)} stands here a second time", key.start_mark
+                    )
+                names.add(key.value)
+        return node
+
     def _count(self, nodes: int, event: Any) -> None:
         self._nodes += nodes
         if self._nodes > self.limits.nodes:
