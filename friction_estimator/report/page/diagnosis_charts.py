@@ -15,8 +15,9 @@ from friction_estimator.report import diagnosis_figures as figures
 from friction_estimator.report.page import curves, look, signals
 from friction_estimator.report.page.content import Chart
 
-ROWS = 8_000
-"""Rows of extremes of each chart over time: a page may have several."""
+ROWS, SHARED_ROWS = 8_000, 12_000
+"""Rows of extremes of a chart over time, and of all of them together: a page has one a cause, and one for them all.
+What is kept sample by sample is fewer in the same measure."""
 
 PER_RIPPLE = 12
 """Bins to a wavelength of a ripple that was found: fewer would show another one."""
@@ -63,7 +64,9 @@ def _time_chart(result: Diagnosis, models: Mapping[str, Joint], title: str, text
         None,
         signals.cycles_of(velocity, error, [slice(0, order.size)], worst),
     )
-    return signals.chart(title, text, drawn, q, ROWS)
+    charts = len(result.effects) + (len(result.effects) > 1)
+    rows = min(ROWS, SHARED_ROWS // max(1, charts))
+    return signals.chart(title, text, drawn, q, rows, signals.CLOSE * rows // ROWS)
 
 
 def revealing(result: Diagnosis, found: Found, q: Quantities) -> Chart:

@@ -8,8 +8,8 @@ from friction_estimator.core.text import LONGEST_NAME, shown
 from friction_estimator.report.page import curves, envelope, learning, look, signals
 from friction_estimator.report.page.content import Chart
 
-OTHERS_ROWS = 16_000
-"""Rows of extremes for all other recordings together."""
+OTHERS_ROWS, OTHERS_CLOSE = 12_000, 5_000
+"""Rows of extremes, and samples of a cycle kept in full, of all other recordings together."""
 
 MOST_OTHERS = 3
 """Other recordings that are drawn over time; the table has all."""
@@ -50,7 +50,7 @@ def _over_time(result: Replay, q: Quantities, fitted: bool) -> list[Chart]:
     rows = envelope.FINEST if not result.others else envelope.FINEST - OTHERS_ROWS
     out = [signals.chart("What was fitted" if fitted else "What was learned from", said + _HOW, main, q, rows)]
     for other in result.others[:MOST_OTHERS]:
-        out.append(_other(other, q, OTHERS_ROWS // min(len(result.others), MOST_OTHERS)))
+        out.append(_other(other, q, min(len(result.others), MOST_OTHERS)))
     return out
 
 
@@ -60,7 +60,7 @@ _HOW = (
 )
 
 
-def _other(other: Judged, q: Quantities, rows: int) -> Chart:
+def _other(other: Judged, q: Quantities, number: int) -> Chart:
     samples = other.samples
     residual = samples.friction_N - other.predicted_N
     seconds = samples.time_s
@@ -81,7 +81,8 @@ def _other(other: Judged, q: Quantities, rows: int) -> Chart:
         "Another recording, predicted with what was learned; nothing of it was used.",
         shown_signals,
         q,
-        rows,
+        OTHERS_ROWS // number,
+        OTHERS_CLOSE // number,
     )
 
 

@@ -66,13 +66,18 @@ def cycles_of(velocity_m_s: Floats, error_N: Floats, parts: Sequence[slice], wor
     return {f"first {word}": found[0], f"{worst} {word}": found[int(np.argmax(power))], f"last {word}": found[-1]}
 
 
-def chart(title: str, caption: str, signals: Signals, q: Quantities, rows: int = envelope.FINEST) -> Chart:
-    """Return the chart, with a button for each piece that is kept in full."""
+def chart(
+    title: str, caption: str, signals: Signals, q: Quantities, rows: int = envelope.FINEST, close: int = CLOSE
+) -> Chart:
+    """Return the chart, with a button for each piece that is kept in full.
+
+    `rows` are those of the table of the whole, `close` the samples of a piece at the most: what the page has room for.
+    """
     jumps = [
         (name, float(signals.time_s[part.start]), float(signals.time_s[part.stop - 1]))
         for name, part in signals.close.items()
     ]
-    return Chart(title, caption, lambda: _build(signals, q, rows), explorer=True, jumps=jumps)
+    return Chart(title, caption, lambda: _build(signals, q, rows, close), explorer=True, jumps=jumps)
 
 
 def _columns(signals: Signals, q: Quantities) -> dict[str, Floats]:
@@ -94,14 +99,14 @@ def _columns(signals: Signals, q: Quantities) -> dict[str, Floats]:
     return out
 
 
-def _build(signals: Signals, q: Quantities, rows: int) -> UIElement:
+def _build(signals: Signals, q: Quantities, rows: int, most: int) -> UIElement:
     columns = _columns(signals, q)
     gap = envelope.gaps(signals.time_s, signals.restart)
     n = signals.time_s.size
     if n <= (envelope.WHOLE if rows >= envelope.FINEST else rows):
         tables = [envelope.piece(signals.time_s, columns, gap, slice(0, n))]
     else:
-        close = envelope.pieces_of(n, list(signals.close.values()), CLOSE)
+        close = envelope.pieces_of(n, list(signals.close.values()), most)
         tables = [envelope.table(signals.time_s, columns, gap, rows)]
         tables += [envelope.piece(signals.time_s, columns, gap, part) for part in close]
     stores = [
