@@ -37,7 +37,7 @@ def test_numbers_in_si_units_stay(unit: str, motion: str, value: float) -> None:
         (LINEAR, ["mm/s", "N"], VELOCITY, "20 mm/s"),
         (LINEAR, ["mm/s"], POSITION, "20 mm"),
         (LINEAR, ["mm/s"], "N/m", "2e-05 N/mm"),
-        (LINEAR, ["um", "mm/s"], POSITION, "2e+04 um"),
+        (LINEAR, ["um", "mm/s"], POSITION, "20000 um"),
         (LINEAR, ["m/min"], VELOCITY, "1.2 m/min"),
         (LINEAR, ["m/min"], POSITION, "0.02 m"),
         (LINEAR, ["kN"], "N s/m", "2e-05 kN s/m"),

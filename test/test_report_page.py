@@ -324,7 +324,7 @@ def test_a_mean_is_not_drawn_over_what_nobody_measured():
 
 
 def test_a_page_of_many_causes_stays_small(tmp_path):
-    """The same cause twenty times over: what counts is the number of charts. Six causes of 105,000 samples took 6.1 MB."""
+    """The same cause twenty times over, since charts are what counts: five causes of 105,000 samples took 6.1 MB."""
     k = np.arange(12_000)
     phase = 2 * np.pi * k / 400.0 / np.where(k < 6000, 2.0, 1.0)
     speed = 0.1 * np.sin(phase)

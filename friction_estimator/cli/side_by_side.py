@@ -27,7 +27,7 @@ HEAD = ("without learning", "samples", "unit", "model", *NAMES.values())
 def scores_of(result: Replay) -> list[tuple[str, FrozenScore]]:
     """Return what was predicted without learning, by name: the frozen part of the record, then other recordings."""
     frozen = result.frozen_score
-    name = "the rest, after --freeze-after" if result.learned.any() else "all samples"
+    name = "after --freeze-after" if result.learned.any() else "all samples"
     return ([] if frozen is None else [(name, frozen)]) + [(other.name, other.score) for other in result.others]
 
 

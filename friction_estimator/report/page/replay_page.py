@@ -95,10 +95,15 @@ def _verdict(result: Replay, scores: list[tuple[str, FrozenScore]], q: Quantitie
     if known is not None and errors.model > 0.0:
         text += f"{',' if theory is not None else ';'} {_times(known / errors.model)} than Coulomb and viscous friction"
     for name, score in scores[:2]:
-        where = f"on {shown(name, 60)}"
+        where = _place(name)
         error = q.text(score.nrmse * score.spread_N, FORCE, ".2g")
         text += f"; {where}, without learning: ±{error}"
     return text + "."
+
+
+def _place(name: str) -> str:
+    """Return in words what a score without learning is of: another recording, or a part of this one."""
+    return "on the rest of the record" if name.startswith("after --") else f"on {shown(name, 60)}"
 
 
 def _percent(share: float) -> str:
@@ -125,7 +130,7 @@ def _facts(
     out.append(("error, all samples", q.text(whole, FORCE, ".3g"), f"nrmse {summary['nrmse']:.4f}"))
     for name, score in scores[:2]:
         error = q.text(score.nrmse * score.spread_N, FORCE, ".3g")
-        out.append((f"without learning, on {shown(name, 40)}", error, f"{_percent(score.nrmse)} of the spread"))
+        out.append((f"without learning, {_place(name)}", error, f"{_percent(score.nrmse)} of the spread"))
     known = errors.rivals.get("coulomb_viscous")
     if known is not None:
         out.append(("Coulomb and viscous, fitted", q.text(known, FORCE, ".3g"), "last fifth, for comparison"))
