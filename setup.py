@@ -27,6 +27,7 @@ EXTRAS = {
     "page": ["bokeh>=3.4,<3.10"],
     "terminal": ["rich>=13.7"],
     "parquet": ["pyarrow>=14"],
+    "cluster": ["distributed>=2024.1"],
     "docs": ["sphinx>=7.2,<9.1", "myst-parser>=2.0", "furo>=2024.1.29"],
     "test": ["pytest>=7.4", "pytest-xdist>=3.5", "hypothesis>=6.98", "mujoco-core>=3.8"],
 }

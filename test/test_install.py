@@ -61,7 +61,7 @@ def test_package_xml_has_a_key_for_each_run_time_dependency_and_no_other():
 
 def test_all_that_is_imported_is_declared():
     declared = {IMPORTED_AS.get(name, name) for name in map(named, [*REQUIRED, *EXTRAS["page"], *EXTRAS["terminal"]])}
-    declared |= {named(one) for one in EXTRAS["parquet"]} | WITH_BOKEH
+    declared |= {named(one) for one in (*EXTRAS["parquet"], *EXTRAS["cluster"])} | WITH_BOKEH
     messages = {node.text for node in ElementTree.parse(ROOT / "package.xml").iter("exec_depend")}
     ros = {key for key in messages if not key.startswith("python3-")} | {"builtin_interfaces", "rosbag2_interfaces"}
     found = {}

@@ -152,6 +152,10 @@ def computed(
 
 def workers(args: argparse.Namespace, tasks: int) -> Workers:
     """Return who computes, by `--workers` and `--scheduler`."""
+    if args.scheduler is not None:
+        from friction_estimator.tasks.cluster import Cluster  # noqa: PLC0415
+
+        return Cluster(args.scheduler)
     return LocalWorkers(min(args.workers or usable_cores(), max(1, tasks)))
 
 

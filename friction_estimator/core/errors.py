@@ -14,7 +14,14 @@ PACKAGE = "friction_estimator"
 
 _HOME = Path(__file__).parents[1]
 
-EXTRAS = {"rclpy": "ros", "bokeh": "page", "jinja2": "page", "rich": "terminal", "pyarrow": "parquet"}
+EXTRAS = {
+    "rclpy": "ros",
+    "bokeh": "page",
+    "jinja2": "page",
+    "rich": "terminal",
+    "pyarrow": "parquet",
+    "distributed": "cluster",
+}
 """Modules that not every installation has -> extra of setup.py that brings them."""
 
 FAULT = 70
