@@ -1,4 +1,4 @@
-"""Many recordings under attack: workers and client killed at random, 2000 recordings in bounded memory, a lost cluster."""
+"""Many recordings under attack: workers and client killed at random, 2000 recordings in bounded memory, lost workers."""
 
 import json
 import os
