@@ -1,4 +1,4 @@
-"""Many recordings under attack: workers and client killed at random, 2000 recordings in bounded memory, lost workers."""
+"""Many recordings under attack: workers and client killed at random, 2000 recordings in bounded memory, lost nodes."""
 
 import json
 import os
