@@ -205,6 +205,50 @@ def test_what_comes_into_the_former_folder_at_the_last_moment_is_kept(tmp_path):
     assert [item.name for item in tmp_path.iterdir()] == ["run"]
 
 
+@pytest.fixture
+def mount(tmp_path):
+    """Mount something and return where, for as long as the test runs."""
+    mounted = []
+
+    def mounted_at(place, *words):
+        done = subprocess.run(["mount", *words, place], capture_output=True, text=True, check=False)
+        if done.returncode:
+            pytest.skip(f"nothing can be mounted here: {done.stderr.strip()}")
+        mounted.append(place)
+        return place
+
+    yield mounted_at
+    for place in mounted:
+        subprocess.run(["umount", place], check=True)
+
+
+def test_a_folder_that_came_with_the_image_of_a_container_is_told(tmp_path, mount):
+    folders = {name: tmp_path / name for name in ("lowerdir", "upperdir", "workdir")}
+    for folder in folders.values():
+        folder.mkdir()
+    put(folders["lowerdir"] / "run", a="old")
+    (tmp_path / "root").mkdir()
+    options = ",".join(f"{name}={folder}" for name, folder in folders.items())
+    root = mount(tmp_path / "root", "-t", "overlay", "overlay", "-o", options)
+    with pytest.raises(InputError, match=r"came with the image of a container.*remove it first"):
+        put(root / "run", a="new")
+    assert tree(root) == {"run/a": "old"}
+    assert os.listdir(root) == ["run"]
+    shutil.rmtree(root / "run")
+    put(root / "run", a="new")
+    assert tree(root) == {"run/a": "new"}
+
+
+def test_a_file_that_is_a_mount_is_told(tmp_path, mount):
+    for name in ("given", "state.json"):
+        (tmp_path / name).write_text(name)
+    path = mount(tmp_path / "state.json", "--bind", tmp_path / "given")
+    with pytest.raises(InputError, match=r"it is a mount, .*: mount the folder that it lies in"):
+        write_text(path, "new")
+    assert path.read_text() == "given"
+    assert sorted(os.listdir(tmp_path)) == ["given", "state.json"]
+
+
 # One at a time
 
 

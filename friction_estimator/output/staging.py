@@ -30,6 +30,12 @@ _NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP}
 _NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS}
 """Failures of a write, which name no file."""
 
+_FIXED = {
+    errno.EXDEV: "it came with the image of a container, whose file system cannot exchange it: remove it first",
+    errno.EBUSY: "it is a mount, which cannot be exchanged: mount the folder that it lies in",
+}
+"""What cannot be renamed although it can be written to: a folder of a lower layer of overlayfs, a bind mount."""
+
 Refusal = Callable[[Path], str | None]
 """Says why a folder may not be replaced; None where it may."""
 
@@ -183,7 +189,7 @@ class Staging:
             yield new / self.target.name
         except OSError as error:
             if error.errno in _NO_ROOM or _within(error.filename, self.folder) or error.filename == str(self.target):
-                reason = error.strerror or error
+                reason = _FIXED.get(error.errno or 0) or error.strerror or error
                 raise InputError(f"cannot write {self.target}: {reason}; choose another output path") from error
             raise
         finally:
