@@ -1,5 +1,6 @@
 """Recordings of every form read alike; what cannot be read or is not there is said in one line."""
 
+import os
 import random
 import shutil
 import tracemalloc
@@ -233,6 +234,13 @@ def make(path, how):
     elif how == "half":
         shutil.copytree(good, path)
         (path / "good.mcap").unlink()
+    elif how == "pipe":
+        os.mkfifo(path)
+    elif how == "pipe within":
+        shutil.copytree(good, path)
+        (storage,) = path.glob("*.mcap")
+        storage.unlink()
+        os.mkfifo(storage)
     elif how == "no yaml":
         shutil.copytree(good, path)
         (path / "metadata.yaml").write_bytes(b"\xff\xfe{{{")
@@ -251,6 +259,8 @@ def make(path, how):
         ("run.bag", "empty", "is empty (0 bytes)"),
         ("run.bag", "text", "is damaged"),
         ("run.db3", "text", "is damaged"),
+        ("run.mcap", "pipe", "is a pipe, device or socket, and no recording"),
+        ("run", "pipe within", "good.mcap is no regular file"),
         ("run", "folder", "is no recording; expected a folder with metadata.yaml"),
         ("run", "unindexed", "has no metadata.yaml; run `ros2 bag reindex"),
         ("run", "half", "good.mcap"),

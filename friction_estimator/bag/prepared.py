@@ -49,6 +49,9 @@ def prepared(path: Path, stack: ExitStack) -> Prepared:
     about = metadata.information(path)
     mode = str(about.get("compression_mode", "")).lower()
     files = tuple(metadata.storage_files(path))
+    for file in files:
+        if file.exists() and not file.is_file():  # a pipe would be waited for, for ever
+            raise InputError(f"{path} is damaged: {file.name} is no regular file; run `ros2 bag reindex {path}`")
     if mode in ("", "none"):
         return _with_journals(Prepared(path, files), stack)
     if about.get("compression_format") != "zstd":

@@ -196,6 +196,8 @@ def _check_kind(path: Path) -> None:
         raise InputError(f"{path} is a table, no recording; turn it into one with `friction_estimator import`")
     elif path.suffix not in STORAGE_SUFFIXES:
         raise InputError(f"{path} is no recording; {_EXPECTED}")
+    elif not path.is_file():
+        raise InputError(f"{path} is a pipe, device or socket, and no recording; {_EXPECTED}")
     elif path.suffix == ".db3" and not is_utf8(str(path)):
         raise InputError(f"{path}: sqlite opens no file whose path is no UTF-8; rename it")
     elif not path.stat().st_size:
