@@ -166,10 +166,12 @@ def _tell(output: common.Output, entries: Sequence[Entry], found: Sequence[Trend
 
 def words(trend: Trend) -> str:
     """Return a trend in a sentence or two."""
-    since = date(trend.since.row) or shown(Path(trend.since.bag).name, LONGEST_NAME)
+    since, before = (entry and date(entry.row) for entry in (trend.since, trend.before))
+    if since is None or since == before:  # their clock does not say which was first: as they were given
+        since, before = (entry and shown(Path(entry.bag).name, LONGEST_NAME) for entry in (trend.since, trend.before))
     text = f"{trend.name} in {trend.recordings} of {trend.of} recordings, first in that of {since}"
-    if trend.before is not None:
-        text += f" and not in that of {date(trend.before.row) or shown(Path(trend.before.bag).name, LONGEST_NAME)}"
+    if before is not None:
+        text += f" and not in that of {before}"
     for course in trend.courses:
         growth = course.growth
         if growth is not None and growth.told:
