@@ -470,3 +470,15 @@ def test_the_numbers_do_not_depend_on_the_threads_of_the_machine():
     ]
     assert answers[0] == answers[1]
     assert not answers[0].startswith("0 ")  # the range grew on the way
+
+
+def test_samples_that_lie_apart_are_read_as_those_side_by_side():
+    """A recording's messages hold a number each among others; its arrays may be views of them."""
+    samples, _ = record("hammerstein", 2)
+    spread = {
+        name: np.column_stack([getattr(samples, name)] * 3)[:, 1]
+        for name in ("stamp_ns", "velocity_m_s", "friction_N", "restart")
+    }
+    apart = replace(samples, **spread)
+    assert not apart.velocity_m_s.flags.c_contiguous
+    np.testing.assert_array_equal(estimator_for(samples).run(apart, True), estimator_for(samples).run(samples, True))

@@ -112,23 +112,23 @@ _S, _W = SAMPLES.at, at.LAYOUT.at
 
 
 def batch(inputs: Inputs, velocity: Floats, learn: Bools, predicted: Floats, deviation: Floats) -> Addresses:
-    """Return samples as `run` takes them; see `SAMPLES`."""
-    return SAMPLES.addresses(
-        index=inputs.index,
-        value=inputs.value,
-        cell=inputs.cell,
-        beyond=inputs.beyond,
-        velocity=velocity,
-        theory=inputs.theory,
-        extension=inputs.extension,
-        column_noise=inputs.noise,
-        known=inputs.known,
-        target=inputs.target,
-        restart=inputs.restart,
-        learn=learn,
-        predicted=predicted,
-        deviation=deviation,
-    )
+    """Return samples as `run` takes them; see `SAMPLES`. What it reads may be strided, what it fills may not."""
+    read = {
+        "index": inputs.index,
+        "value": inputs.value,
+        "cell": inputs.cell,
+        "beyond": inputs.beyond,
+        "velocity": velocity,
+        "theory": inputs.theory,
+        "extension": inputs.extension,
+        "column_noise": inputs.noise,
+        "known": inputs.known,
+        "target": inputs.target,
+        "restart": inputs.restart,
+        "learn": learn,
+    }
+    read = {name: np.ascontiguousarray(array) for name, array in read.items()}
+    return SAMPLES.addresses(**read, predicted=predicted, deviation=deviation)
 
 
 @njit(cache=True, nogil=True)
