@@ -286,3 +286,4 @@ def test_a_thread_that_is_kept_from_the_processor_does_not_take_its_samples_for_
         turns += 1
         stream.work_off()
     assert (stream.predictions, stream.overrun) == (1500, 0)
+    assert 0.0 < stream.sample_s < 0.005  # what /diagnostics say that a sample needs

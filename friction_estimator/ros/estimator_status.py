@@ -67,8 +67,8 @@ class EstimatorStatus:
         values["samples dropped while waiting"] = stream.dropped
         values["samples dropped, too slow"] = stream.overrun
         predicted = self._growth.of("predicted", stream.predictions)
-        # Where samples wait, what is used is all there is, and what would be needed is more.
-        share = account.busy * (max(1.0, samples / max(predicted, 1)) if stream.working_off else 1.0)
+        # Where samples wait, what they need is still to come; on a busy machine they wait although it is little.
+        share = account.busy + (max(0, samples - predicted) * stream.sample_s / span_s if stream.working_off else 0.0)
         values["share of the sample period used (%)"] = f"{100.0 * share:.1f}"
         values["arrival to prediction p50 (ms)"] = f"{account.p50_ms:.3f}"
         values["arrival to prediction p99 (ms)"] = f"{account.p99_ms:.3f}"

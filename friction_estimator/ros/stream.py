@@ -64,6 +64,7 @@ class SampleStream:
     overrun : samples let go because the node is too slow for them.
     queue_depth : of the inputs; see `QUEUES`.
     on_backlog : called where samples begin to wait; `work_off` has to be called then.
+    sample_s : processor time that a sample took when samples were last worked off, s; 0 where none were.
     velocity_seen : lowest and highest velocity of the predicted samples, m/s.
     """
 
@@ -80,7 +81,7 @@ class SampleStream:
         self._breath = time.perf_counter_ns()
         self._breathless = False
         self._arrived: deque[int] = deque()
-        self._sample_s = 0.0
+        self.sample_s = 0.0
         self._dropped = 0
         self._worked_off_at, self._admitted_then = time.monotonic(), 0
         self._held = [float("nan"), float("nan")]
@@ -216,7 +217,7 @@ class SampleStream:
                 now = time.perf_counter_ns()
                 self._load.note(now - self._load.arrived(begin))
                 if now - self._breath > 1e9 * SLOWEST_BREATH_S:
-                    self._sample_s = min(1e-9 * (now - begin), LONGEST_PIECE_S)  # one at a time, to begin with
+                    self.sample_s = min(1e-9 * (now - begin), LONGEST_PIECE_S)  # one at a time, to begin with
                     self._breathless = True
                     self.on_backlog()
         else:
@@ -292,7 +293,7 @@ class SampleStream:
             return
         behind, predictions = step.behind, self.predictions
         began = time.thread_time()
-        most = min(piece, LARGEST_PIECE, int(LONGEST_PIECE_S / max(self._sample_s, 1e-9)))
+        most = min(piece, LARGEST_PIECE, int(LONGEST_PIECE_S / max(self.sample_s, 1e-9)))
         try:
             self._hand_on(step.work_off(max(most, 1), learn=self.learn))
         finally:
@@ -301,7 +302,7 @@ class SampleStream:
         # Of the processor, not of the clock: a thread that was kept from it while others ran would take its samples for
         # slow, work off one at a time, and fall behind where it has time for thousands. The first samples after a gap
         # are not learned from, and say nothing of the time that the others take.
-        self._sample_s = max((time.thread_time() - began) / max(done, 1), REMEMBERED * self._sample_s)
+        self.sample_s = max((time.thread_time() - began) / max(done, 1), REMEMBERED * self.sample_s)
         # What waited for the first contact is not late, and comes first.
         for _ in range(len(self._arrived) - step.behind):
             self._load.note(ended - self._arrived.popleft())
