@@ -5,7 +5,10 @@ it with arrays of one. All state lives in the arrays of `Workspace`, so it can b
 for bit. `model.prediction` has the prediction and its gradient x, the regressor of every law.
 """
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from friction_estimator.compiled import njit
 from friction_estimator.core.addresses import (
@@ -113,7 +116,7 @@ _S, _W = SAMPLES.at, at.LAYOUT.at
 
 def batch(inputs: Inputs, velocity: Floats, learn: Bools, predicted: Floats, deviation: Floats) -> Addresses:
     """Return samples as `run` takes them; see `SAMPLES`. What it reads may be strided, what it fills may not."""
-    read = {
+    read: dict[str, NDArray[Any]] = {
         "index": inputs.index,
         "value": inputs.value,
         "cell": inputs.cell,
