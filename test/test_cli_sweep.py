@@ -13,14 +13,16 @@ import numpy as np
 import pages
 import pytest
 from pyarrow import parquet
-from test_workers import until
 
 from friction_estimator.bag.read import read_recording
 from friction_estimator.bag.samples import to_samples
+from friction_estimator.cli import many
 from friction_estimator.cli.main import main
+from friction_estimator.core.errors import UnanswerableError
 from friction_estimator.core.settings.config import Config
 from friction_estimator.documents.configuration import read_config
 from friction_estimator.sweep import judged, recall
+from friction_estimator.tasks import identity
 from friction_estimator.tasks.identity import File, changed_ns
 
 FILES = ["config.yaml", "report.html", "rows.jsonl", "rows.parquet", "summary.json", "table.parquet"]
@@ -103,7 +105,7 @@ def test_two_processes_say_the_same_to_the_bit(swept, bags, tmp_path):
 
 def test_other_recordings_judge_and_none_judges_itself(bags, tmp_path, capsys):
     both = (bags / "sine", bags / "triangle")
-    assert run(*both, "--test", *both, "--set", "fir.order=0,4", "--out", tmp_path / "out") == 0
+    assert run(*both, "--test", *both, "--set", "fir.order=0,4", "--workers", 1, "--out", tmp_path / "out") == 0
     rows = [json.loads(line)["row"]["result"] for line in (tmp_path / "out" / "rows.jsonl").read_text().splitlines()]
     assert [len(row["judged"]) for row in rows] == [1] * 4
     samples = [len(to_samples(read_recording(bag), Config()).samples) for bag in both]
@@ -120,7 +122,7 @@ def test_a_recording_that_fails_is_a_row_with_its_reason(bags, tmp_path, capsys)
     broken, short = tmp_path / "broken.mcap", tmp_path / "short"
     broken.write_bytes(b"\x89MCAP0\r\n broken")
     assert main(["simulate", "--out", str(short), "--schedule", "0.1:50:0.1", "--rate", "200"]) == 0
-    words = (bags / "sine", broken, short, "--set", "fir.order=0,4", "--out", tmp_path / "out")
+    words = (bags / "sine", broken, short, "--set", "fir.order=0,4", "--workers", 1, "--out", tmp_path / "out")
     assert run(*words) == 0
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert [one["recordings"] for one in summary["configurations"]] == [1, 1]
@@ -129,7 +131,7 @@ def test_a_recording_that_fails_is_a_row_with_its_reason(bags, tmp_path, capsys)
     assert "too short" in problems["short"]
     assert all(one["settings"] is None for one in summary["failed"])
     assert "broken.mcap" in capsys.readouterr().err
-    assert run(broken, "--set", "fir.order=0,4", "--out", tmp_path / "none") == 1
+    assert run(broken, "--set", "fir.order=0", "--workers", 1, "--out", tmp_path / "none") == 1
     assert "no configuration could be judged on any recording" in capsys.readouterr().err
     assert not (tmp_path / "none").exists()
 
@@ -180,45 +182,75 @@ def test_a_folder_of_somebody_else_is_not_replaced(bags, tmp_path, capsys):
 def test_a_larger_grid_takes_over_what_is_there(swept, bags, tmp_path, capsys):
     out = tmp_path / "out"
     shutil.copytree(swept, out)
-    words = (bags / "sine", bags / "triangle", "--set", "law=nlms,rls", "--set", "fir.order=0,4,8")
-    assert run(*words, "--out", out) == 0
+    words = (bags / "sine", bags / "triangle", "--set", "law=nlms,rls", "--set", "fir.order=0,2,4")
+    assert run(*words, "--workers", 1, "--out", out) == 0
     assert "taken over  8 of 12 rows" in capsys.readouterr().out
-    assert run(*words, "--out", tmp_path / "anew") == 0
-    same(out, tmp_path / "anew")
+    assert set((swept / "rows.jsonl").read_text().splitlines()) < set((out / "rows.jsonl").read_text().splitlines())
 
 
-def test_a_recording_or_a_setting_that_changed_is_computed_anew(swept, bags, tmp_path, capsys):
+def test_a_recording_that_was_moved_is_known_and_one_that_changed_is_computed_anew(swept, bags, tmp_path, capsys):
     out, copy = tmp_path / "out", tmp_path / "sine"
     shutil.copytree(swept, out)
     shutil.copytree(bags / "sine", copy)
     assert run(copy, *SETS, "--out", out) == 0
     assert "taken over  4 of 4 rows" in capsys.readouterr().out
     (copy / "note.txt").write_text("a file more")
-    assert run(copy, *SETS, "--out", out) == 0
-    assert "taken over" not in capsys.readouterr().out
-    assert run(copy, *SETS, "--freeze-after", 0.6, "--out", out) == 0
+    assert run(copy, "--set", "law=rls", "--workers", 1, "--out", out) == 0
     assert "taken over" not in capsys.readouterr().out
 
 
-def test_a_sweep_that_is_killed_goes_on_and_repeats_nothing(swept, bags, tmp_path):
-    out = tmp_path / "out"
+@pytest.mark.parametrize(
+    "words", [["--freeze-after", "0.6"], ["--topic", "velocity=/velocity"], ["--config", "c.yaml"], ["--test", "other"]]
+)
+def test_whatever_changes_a_row_changes_what_it_is_known_by(bags, tmp_path, monkeypatch, words):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "c.yaml").write_text("/**:\n  ros__parameters:\n    rls.forgetting_factor: 0.99\n")
+    (tmp_path / "other").symlink_to(bags / "triangle")
+    known = []
+
+    def kept(pieces, *_):
+        known.append([identity.digest(piece.facts) for piece in pieces])
+        raise UnanswerableError
+
+    monkeypatch.setattr(many, "computed", kept)
+    for more in ([], words):
+        assert run(bags / "sine", *SETS, *more, "--out", "out") == 1
+    assert len(known[0]) == len(known[1]) == 4
+    assert not set(known[0]) & set(known[1])
+
+
+KILLED = """
+import os, signal, sys
+from friction_estimator.cli import many
+from friction_estimator.cli.main import main
+from friction_estimator.core.errors import UnanswerableError
+from friction_estimator.output.journal import Journal
+add, rows = Journal.add, []
+def last(self, key, row):
+    add(self, key, row)
+    rows.append(key)
+    if len(rows) == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+Journal.add = last
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_a_sweep_that_is_killed_goes_on_and_repeats_nothing(swept, bags, tmp_path, capsys):
+    script, out = tmp_path / "killed.py", tmp_path / "here" / "out"
+    script.write_text(KILLED)
     words = [bags / "sine", bags / "triangle", *SETS, "--workers", 1, "--out", out]
-    command = [sys.executable, "-m", "friction_estimator", "sweep", *map(str, words)]
-    journal = tmp_path / ".out.friction_estimator" / "rows"
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, start_new_session=True)
-    try:
-        until(lambda: journal.exists() and journal.read_text().count("\n") >= 2)
-        os.kill(process.pid, signal.SIGKILL)
-    finally:
-        process.kill()
-        process.wait()
-    kept = journal.read_text().splitlines()
-    assert 2 <= len(kept) < 8
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert f"taken over  {len(kept)} of 8 rows" in done.stdout
+    done = subprocess.run([sys.executable, str(script), "sweep", *map(str, words)], check=False, capture_output=True)
+    assert done.returncode == -signal.SIGKILL
+    assert os.listdir(out.parent) == [".out.friction_estimator"]
+    kept = (out.parent / ".out.friction_estimator" / "rows").read_text().splitlines()
+    assert len(kept) == 3
+    assert run(*words) == 0
+    assert "taken over  3 of 8 rows" in capsys.readouterr().out
     same(swept, out)
-    assert set(kept) <= set((out / "rows.jsonl").read_text().splitlines())
-    assert sorted(os.listdir(tmp_path)) == ["out"]
+    assert set(kept) < set((out / "rows.jsonl").read_text().splitlines())
+    assert os.listdir(out.parent) == ["out"]
 
 
 # Workers
@@ -258,6 +290,8 @@ def test_a_recording_that_changes_meanwhile_is_told(bags):
 
 def test_the_page_can_be_read_without_bokeh(swept, bags, tmp_path, monkeypatch):
     monkeypatch.setattr("friction_estimator.report.page.write.is_interactive", lambda: False)
-    assert run(bags / "sine", *SETS, "--out", tmp_path / "out") == 0
-    text = pages.words((tmp_path / "out" / "report.html").read_text())
+    out = tmp_path / "out"
+    shutil.copytree(swept, out)
+    assert run(bags / "sine", bags / "triangle", *SETS, "--out", out) == 0
+    text = pages.words((out / "report.html").read_text())
     assert "model.law=rls fir.order=4" in text
