@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pages
 import pytest
 from pyarrow import parquet
 
@@ -156,7 +157,9 @@ def test_a_fleet_is_a_row_a_recording_with_what_grows(fleet, diagnosed):
     assert table["effects"][1] == ["sensor_bias"]
     findings = parquet.read_table(diagnosed / "findings.parquet").to_pydict()
     assert findings["parameter"] == ["bias"] * 3
-    assert "sensor_bias" in (diagnosed / "report.html").read_text()
+    text = pages.words((diagnosed / "report.html").read_text())
+    assert "the force sensor reads a constant too much" in text
+    assert "{" not in text
 
 
 def test_a_row_is_what_diagnose_says_of_that_recording_alone(fleet, diagnosed, capsys):

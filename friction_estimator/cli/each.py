@@ -144,10 +144,10 @@ def _trend(one: Trend) -> dict[str, Any]:
     }
 
 
-def date(row: Mapping[str, Any]) -> str | None:
+def date(row: Mapping[str, Any], form: str = "%Y-%m-%dT%H:%M:%SZ") -> str | None:
     """Return when a recording began, UTC; None where its clock does not say."""
     start = row["start_ns"]
-    return None if start is None else datetime.fromtimestamp(start // 10**9, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    return None if start is None else datetime.fromtimestamp(start // 10**9, UTC).strftime(form)
 
 
 def _tell(output: common.Output, entries: Sequence[Entry], found: Sequence[Trend], failed: int) -> None:
@@ -166,7 +166,7 @@ def _tell(output: common.Output, entries: Sequence[Entry], found: Sequence[Trend
 
 def words(trend: Trend) -> str:
     """Return a trend in a sentence or two."""
-    since, before = (entry and date(entry.row) for entry in (trend.since, trend.before))
+    since, before = (entry and date(entry.row, "%Y-%m-%d %H:%M") for entry in (trend.since, trend.before))
     if since is None or since == before:  # their clock does not say which was first: as they were given
         since, before = (entry and shown(Path(entry.bag).name, LONGEST_NAME) for entry in (trend.since, trend.before))
     text = f"{trend.name} in {trend.recordings} of {trend.of} recordings, first in that of {since}"

@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
+from friction_estimator.core.quantities import LINEAR, ROTARY, Quantities
 from friction_estimator.effects.base import EFFECTS
-from friction_estimator.fleet.trend import Growth, Trend
+from friction_estimator.fleet.trend import UNDECIDABLE, Growth, Trend
 from friction_estimator.report.page.content import CAUTION, GOOD, NEUTRAL, Advice, Light, Page, Section, Whisker
 
 MOST_ROWS = 300
@@ -73,13 +74,13 @@ def _advice(entries: Sequence[Mapping[str, Any]], growing: Sequence[Trend]) -> l
 
 def _by_rig(entries: Sequence[Mapping[str, Any]], rigs: Sequence[str], found: Sequence[Trend]) -> Section:
     """Return what each rig shows: how many of its recordings, since when, and what naming it wins."""
-    rows: Rows = [("rig", "what", "", "recordings", "since", "not yet in", "gain")]
+    rows: Rows = [("rig", "what", "", "recordings", "since", "not yet in", "gain (%)")]
     for rig in rigs[:MOST_ROWS]:
         own = [one for one in found if one.rig == rig]
         for one in own:
-            gain = "" if one.gain_percent is None else f"{one.gain_percent:.1f} %"
+            gain = "" if one.gain_percent is None else f"{one.gain_percent:.1f}"
             before = "" if one.before is None else _when(one.before.bag, one.before.row)
-            what = EFFECTS[one.name].words.what
+            what = _quantities(one.since.row).worded(EFFECTS[one.name].words.what)
             rows.append(
                 (
                     rig,
@@ -92,7 +93,7 @@ def _by_rig(entries: Sequence[Mapping[str, Any]], rigs: Sequence[str], found: Se
                 )
             )
         if not own:
-            count = sum(entry["rig"] == rig for entry in entries)
+            count = sum(one["rig"] == rig and not one["problem"] and one["verdict"] != UNDECIDABLE for one in entries)
             rows.append((rig, "nothing named", "", f"0 of {count}", "", "", ""))
     return Section("By rig", ["Gain: median of what naming it takes off the held-out error."], rows[: MOST_ROWS + 1])
 
@@ -118,7 +119,7 @@ def _drawn(growth: Growth, text: str) -> Whisker:
 
 
 def _recordings(entries: Sequence[Mapping[str, Any]]) -> Section:
-    rows: Rows = [("recording", "rig", "start", "verdict", "what", "error", "noise floor", "after", "left")]
+    rows: Rows = [("recording", "rig", "start", "verdict", "what", "error (%)", "noise (%)", "after (%)", "left (%)")]
     for one in entries[:MOST_ROWS]:
         if one["problem"]:
             rows.append((one["bag"], one["rig"], "", "failed", "", "", "", "", ""))
@@ -127,9 +128,9 @@ def _recordings(entries: Sequence[Mapping[str, Any]]) -> Section:
         gain = one["total_gain"]
         after = "" if gain is None else _percent(gain["nrmse_after"])
         rows.append((
-            one["bag"], one["rig"], one["start"] or "", one["verdict"].replace("_", " "), what,
+            one["bag"], one["rig"], _when("", one), one["verdict"].replace("_", " "), what,
             _percent(one["base"]["nrmse_holdout"]), _percent(one["base"]["noise_floor"]), after,
-            f"{one['unexplained_percent']:.1f} %",
+            f"{one['unexplained_percent']:.1f}",
         ))  # fmt: skip
     text = [
         "Error of the base model on held-out samples, of the noise alone, and with all that was found, over the "
@@ -155,8 +156,14 @@ def _failed(entries: Sequence[Mapping[str, Any]]) -> list[Section]:
     return [Section("What failed", [], rows)] if failed else []
 
 
+def _quantities(row: Mapping[str, Any]) -> Quantities:
+    """Return what the numbers of a recording are."""
+    linear = Quantities(LINEAR)
+    return linear if row["units"] == linear.names else Quantities(ROTARY)
+
+
 def _percent(value: float) -> str:
-    return f"{100.0 * value:.2f} %"
+    return f"{100.0 * value:.2f}"
 
 
 def _when(bag: str, row: Mapping[str, Any]) -> str:
