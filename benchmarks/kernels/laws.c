@@ -1,9 +1,10 @@
 /* The laws lms, nlms and rls of a Hammerstein or parallel model, as a C programmer would write them: what the compiled
  * sample loops are measured against (run.py compiles it with cc -O3 -march=native -ffast-math).
  *
- * A sample is: the row of Psi into the ring, regressor and prediction (regress), the law's step. That is the law alone:
- * no band, no alarm, no standstill, no counters, no growth. Rows are whole cache lines and three are read at a time, as
- * in core/model/prediction.py; what the shortcut of steps.trusted leaves out is computed here too where it is needed.
+ * A sample is: the row of Psi into the ring, regressor and prediction (regress), the law's step. That is the law alone;
+ * nlms and rls wait until the delay lines hold measured samples and shorten outliers (Huber), rls counts samples for
+ * less where the misfit is large and recalls its prior, as its documentation says. No band, no alarm, no standstill, no
+ * guard, no counters, no growth. Rows are whole cache lines and three are read at a time, as in core/model/prediction.py.
  */
 #include <math.h>
 #include <stdint.h>
@@ -37,10 +38,21 @@ static Model model(long taps, long weights, long theory_taps, long width, const 
     return m;
 }
 
-static void end(Model *m, double *theta) {
+static void parameters(const Model *m, double *theta) {
     memcpy(theta, m->a, sizeof(double) * m->taps);
     memcpy(theta + m->taps, m->w, sizeof(double) * m->weights);
     memcpy(theta + m->taps + m->weights, m->b, sizeof(double) * m->theory_taps);
+}
+
+/* theta += step direction */
+static void add(Model *m, const double *restrict direction, double step) {
+    for (long i = 0; i < m->taps; i++) m->a[i] += step * direction[i];
+    for (long i = 0; i < m->weights; i++) m->w[i] += step * direction[m->taps + i];
+    for (long i = 0; i < m->theory_taps; i++) m->b[i] += step * direction[m->taps + m->weights + i];
+}
+
+static void end(Model *m, double *theta) {
+    parameters(m, theta);
     free(m->ring), free(m->ring_theory), free(m->a), free(m->w), free(m->b), free(m->g), free(m->psi), free(m->d);
 }
 
@@ -108,6 +120,21 @@ static double normalise(double *a, long taps) {
     return norm;
 }
 
+/* Running powers of the errors: what is an outlier, and what the model cannot follow. */
+typedef struct {
+    double power, misfit;
+} Errors;
+
+static double clipped(Errors *errors, double e, int moves) {
+    const double limit = 6.0 * sqrt(errors->power);
+    e = e > limit ? limit : e < -limit ? -limit : e;
+    if (moves) {
+        errors->power += (e * e - errors->power) / 200.0;
+        errors->power = errors->power > 1e-12 ? errors->power : 1e-12;
+    }
+    return e;
+}
+
 /* A* = A + mu e F, A = A* / |A*|, W += mu e A(q) Psi, A1 += mu e F1 */
 void lms(long count, long taps, long weights, long theory_taps, long width, const int32_t *restrict index,
          const double *restrict value, const double *restrict theory, const double *restrict target, double step,
@@ -128,8 +155,10 @@ void lms(long count, long taps, long weights, long theory_taps, long width, cons
 
 /* theta += mu e D x / (eps + x' D x), then the norm of A goes into W where it has left [0.8, 1.25] */
 void nlms(long count, long taps, long weights, long theory_taps, long width, const int32_t *restrict index,
-          const double *restrict value, const double *restrict theory, const double *restrict target, double step,
-          double floor, const double *restrict metric, double *restrict theta, double *restrict predicted) {
+          const double *restrict value, const double *restrict theory, const double *restrict target,
+          const double *restrict velocity, double least_speed, double step, double floor, const double *restrict metric,
+          double *restrict theta, double *restrict predicted) {
+    Errors errors = {1.0, 0.0};
     Model m = model(taps, weights, theory_taps, width, theta);
     double *restrict d_w = LINED(room(weights));
     memcpy(d_w, metric + taps, sizeof(double) * weights);
@@ -138,11 +167,13 @@ void nlms(long count, long taps, long weights, long theory_taps, long width, con
         push(&m, index + k * width, value + k * width, theory[k]);
         predicted[k] = regress(&m);
         double *restrict w = LINED(m.w), *restrict psi = LINED(m.psi);
+        const double known = clipped(&errors, target[k] - predicted[k], fabs(velocity[k]) > least_speed);
+        if (k < taps - 1) continue;
         double energy = floor;
         for (long i = 0; i < taps; i++) energy += d_a[i] * m.g[i] * m.g[i];
         for (long i = 0; i < m.size; i++) energy += d_w[i] * psi[i] * psi[i];
         for (long i = 0; i < theory_taps; i++) energy += d_b[i] * m.d[i] * m.d[i];
-        const double e = step * (target[k] - predicted[k]) / energy;
+        const double e = step * known / energy;
         for (long i = 0; i < taps; i++) m.a[i] += e * d_a[i] * m.g[i];
         for (long i = 0; i < m.size; i++) w[i] += e * d_w[i] * psi[i];
         for (long i = 0; i < theory_taps; i++) m.b[i] += e * d_b[i] * m.d[i];
@@ -157,15 +188,21 @@ void nlms(long count, long taps, long weights, long theory_taps, long width, con
     end(&m, theta);
 }
 
-/* f = S' x, r = f' f; theta += S f e / (1 + r); S -= gamma S f f', gamma = (1 - 1 / sqrt(1 + w r)) / r, where w keeps
- * the leverage r / (1 + w r) at `least` at least. Rows of S where x is zero add nothing to f and are not read. */
+/* f = S' x, r = f' f; theta += S f e / (noise + r); S -= gamma S f f', gamma = (1 - 1 / sqrt(1 + w r)) / r, where w keeps
+ * the leverage at `least` at least. Rows of S where x is zero add nothing to f and are not read. Every 64 samples
+ * theta -= S S' R (theta - mean) pull, R the prior's information. */
 void rls(long count, long taps, long weights, long theory_taps, long width, const int32_t *restrict index,
-         const double *restrict value, const double *restrict theory, const double *restrict target, double least,
-         const double *restrict prior_root, double *restrict theta, double *restrict predicted) {
+         const double *restrict value, const double *restrict theory, const double *restrict target,
+         const double *restrict velocity, double least_speed, double least, double residual, const double *restrict mean,
+         const double *restrict information, const double *restrict prior_root, double *restrict theta,
+         double *restrict predicted) {
     Model m = model(taps, weights, theory_taps, width, theta);
+    Errors errors = {1.0, 0.0};
     const long n = taps + weights + theory_taps, size = LINES(n);
     double *restrict root = LINED(room(n * size));
     double *restrict f = LINED(room(n)), *restrict x = LINED(room(n)), *restrict gain = LINED(room(n));
+    double absorbed = 0.0, pull = 0.0;
+    long unpulled = 0;
     for (long i = 0; i < n; i++) memcpy(root + i * size, prior_root + i * n, sizeof(double) * n);
     for (long k = 0; k < count; k++) {
         push(&m, index + k * width, value + k * width, theory[k]);
@@ -182,8 +219,17 @@ void rls(long count, long taps, long weights, long theory_taps, long width, cons
         }
         double r = 0.0;
         for (long j = 0; j < size; j++) r += f[j] * f[j];
-        double w = 1.0 / least - 1.0 / r;
-        w = w < 0.0 ? 0.0 : w < 1.0 ? w : 1.0;
+        const int moves = fabs(velocity[k]) > least_speed;
+        const double known = clipped(&errors, e, moves);
+        if (k < taps - 1) continue;
+        if (r < 0.1 && moves) errors.misfit += (known * known - errors.misfit) / 5000.0;
+        double noise = 10.0 * errors.misfit / residual;
+        noise = noise > 1.0 ? noise : 1.0;
+        const double step = known / (noise + r);
+        double rho = known == e ? noise : e / step - r;
+        rho = rho > noise ? rho : noise;
+        double w = 1.0 / (least * noise) - 1.0 / r;
+        w = w < 0.0 ? 0.0 : w < 1.0 / rho ? w : 1.0 / rho;
         const double gamma = (1.0 - 1.0 / sqrt(1.0 + w * r)) / r;
         for (long i = 0; i < n; i++) {
             double *restrict row = LINED(root + i * size);
@@ -193,10 +239,28 @@ void rls(long count, long taps, long weights, long theory_taps, long width, cons
             g *= gamma;
             for (long j = 0; j < size; j++) row[j] -= g * f[j];
         }
-        const double step = e / (1.0 + r);
-        for (long i = 0; i < taps; i++) m.a[i] += step * gain[i];
-        for (long i = 0; i < weights; i++) m.w[i] += step * gain[taps + i];
-        for (long i = 0; i < theory_taps; i++) m.b[i] += step * gain[taps + weights + i];
+        add(&m, gain, step);
+        absorbed += w * noise;
+        pull += (1.0 - w * noise) / (absorbed > 1.0 ? absorbed : 1.0);
+        if (++unpulled < 64) continue;
+        unpulled = 0;
+        const double share = pull < 0.5 ? pull : 0.5;
+        pull = 0.0;
+        if (share <= 0.0) continue;
+        parameters(&m, gain);
+        for (long i = 0; i < n; i++) gain[i] = share * (gain[i] - mean[i]);
+        memset(f, 0, sizeof(double) * size);
+        for (long i = 0; i < n; i++) {
+            double force = 0.0;
+            for (long j = 0; j < n; j++) force += information[i * n + j] * gain[j];
+            for (long j = 0; j < size; j++) f[j] += root[i * size + j] * force;
+        }
+        for (long i = 0; i < n; i++) {
+            double g = 0.0;
+            for (long j = 0; j < size; j++) g += root[i * size + j] * f[j];
+            x[i] = g;
+        }
+        add(&m, x, -1.0);
     }
     free(root), free(f), free(x), free(gain);
     end(&m, theta);

@@ -12,8 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from friction_estimator.core.addresses import Addresses
 from friction_estimator.core.intake.admission import Intake
-from friction_estimator.core.intake.pairing import HELD, USED, Pairs
+from friction_estimator.core.intake.pairing import HELD, Pairs
 from friction_estimator.core.model.basis import WaveletBasis
 from friction_estimator.core.model.theory_seal import SealCurve
 from friction_estimator.core.model.theory_stribeck import StribeckCurve
@@ -23,9 +24,9 @@ from friction_estimator.core.online.first_contact import FirstContact
 from friction_estimator.core.online.single import (
     DEVIATION,
     PREDICTED,
+    REFUSED,
     VELOCITY,
     events_table,
-    prepare,
     receive,
     sample_table,
 )
@@ -97,6 +98,7 @@ class LiveStep(Events):
         self._status, self._restart = np.zeros(1, np.int8), np.zeros(1, np.bool_)
         self._outcome = np.zeros(4)
         self._usual = False
+        self._sample = Addresses([], [])  # nothing is taken alone yet
         self._connect(intake)
         if estimator is None and config.is_met:
             self.estimator = build(config)
@@ -131,12 +133,16 @@ class LiveStep(Events):
         The predictions of the samples that were completed and admitted; none while the first contact lasts.
         """
         estimator = self.estimator
+        if estimator is not None and (estimator.work is not self._work or estimator.config is not self._config):
+            self._refresh(estimator)
         alone = self._usual and most is None and not self.behind
-        joined = receive(self._events.table, count, alone)
+        joined = receive(self._events.table, self._sample.table, count, alone, learn)
         if not joined:
             return self.work_off(most, learn=learn) if self.behind else []
+        if joined == REFUSED:
+            return []
         if joined == 1 and alone and estimator is not None:
-            return [self._step(estimator, learn)] if self._status.item() == USED else []
+            return [self._step(estimator)]
         stamp, velocity, friction, held = self._out
         pairs = Pairs(*(a[:joined].copy() for a in (stamp, velocity, friction, held)))  # type: ignore[arg-type]
         samples = self.intake.admit(pairs)
@@ -251,11 +257,8 @@ class LiveStep(Events):
         self._arguments = estimator.law.number, self._batch.table, self._work.addresses.table
         self._unit = model.unit_N
 
-    def _step(self, estimator: Estimator, learn: bool) -> Prediction:
-        """Predict and learn from the one sample in the arrays."""
-        if estimator.work is not self._work or estimator.config is not self._config:
-            self._refresh(estimator)
-        prepare(self._sample.table, learn)
+    def _step(self, estimator: Estimator) -> Prediction:
+        """Predict and learn from the one sample that was received."""
         grows, unit = kernels.run(*self._arguments), self._unit
         velocity, friction, predicted, deviation = self._outcome.tolist()
         if grows:
