@@ -51,7 +51,7 @@ def push(shape, ring, ring_theory, status, index, value, theory, restart):  # ty
         ring_theory[status[HEAD] % ring_theory.size] = theory
 
 
-@njit(cache=True, forceinline=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, fastmath={"reassoc", "contract"})
 def regress(shape, theta, ring, ring_theory, status, extension, x):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Fill the gradient x and return the prediction.
 
@@ -63,8 +63,9 @@ def regress(shape, theta, ring, ring_theory, status, extension, x):  # type: ign
     for k in range(size):
         filtered[k] = 0.0
     prediction = 0.0
-    lag = taps - 1
-    place = (status[HEAD] + 1) % taps
+    # In threes: where taps are no multiple, what lies behind the oldest of them counts for nothing.
+    lag = taps - 1 + -taps % 3
+    place = (status[HEAD] - lag) % taps
     while lag >= 2:
         row_a = ring[place]
         place = place + 1 if place + 1 < taps else 0
@@ -72,7 +73,9 @@ def regress(shape, theta, ring, ring_theory, status, extension, x):  # type: ign
         place = place + 1 if place + 1 < taps else 0
         row_c = ring[place]
         place = place + 1 if place + 1 < taps else 0
-        tap_a, tap_b, tap_c = theta[lag], theta[lag - 1], theta[lag - 2]
+        tap_a = theta[lag] if lag < taps else 0.0
+        tap_b = theta[lag - 1] if lag - 1 < taps else 0.0
+        tap_c = theta[lag - 2]
         g_a = g_b = g_c = 0.0
         for k in range(size):
             a, b, c, weight = row_a[k], row_b[k], row_c[k], w[k]
@@ -80,20 +83,13 @@ def regress(shape, theta, ring, ring_theory, status, extension, x):  # type: ign
             g_b += b * weight
             g_c += c * weight
             filtered[k] += tap_a * a + tap_b * b + tap_c * c
-        x[lag], x[lag - 1], x[lag - 2] = g_a, g_b, g_c
+        if lag < taps:
+            x[lag] = g_a
+        if lag - 1 < taps:
+            x[lag - 1] = g_b
+        x[lag - 2] = g_c
         prediction += tap_a * g_a + tap_b * g_b + tap_c * g_c
         lag -= 3
-    while lag >= 0:
-        row = ring[place]
-        place = place + 1 if place + 1 < taps else 0
-        tap = theta[lag]
-        g = 0.0
-        for k in range(size):
-            g += row[k] * w[k]
-            filtered[k] += tap * row[k]
-        x[lag] = g
-        prediction += tap * g
-        lag -= 1
     place = status[HEAD] % ring_theory.size
     for i in range(theory_taps):
         lagged = ring_theory[place]

@@ -234,7 +234,7 @@ def run(law_number, samples, work):  # type: ignore[no-untyped-def] # pragma: no
             status[at.STOOD] += standing
             status[at.FOLLOWS] = 0
             if r < KNOWN_LEVERAGE:
-                note_error(errors, cell[k], clipped, 0.0, False)
+                note_error(errors, cell[k], clipped, 0.0, np.bool_(False))
             continue
         # lms is the paper's to the letter; the others wait until the delay lines hold measured samples only.
         if not learn[k] or (law_number != LMS and status[at.HEAD] < settled):

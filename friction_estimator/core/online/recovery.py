@@ -178,20 +178,20 @@ def _keep_everywhere(hold, kept, theta, owed, errors, moments):  # type: ignore[
     hold[at.SUM] = hold[at.SLOW_SUM] = hold[at.SINCE_KEPT] = 0.0
 
 
-@njit(cache=True, forceinline=True)
+@njit(cache=True)
 def _usual(variance, misfit, tolerance, law):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Return the variance that an error is measured by."""
     return tolerance * (max(variance, MISFIT_SHARE * misfit) + FLOOR * law[at.RESIDUAL_VARIANCE])
 
 
-@njit(cache=True, forceinline=True)
+@njit(cache=True)
 def surprise_of(row, error, variance, moments, law):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Return a squared error over what is usual for a kept model."""
     misfit = row[row.size - moments.size + at.MISFIT_POWER]
     return error * error / _usual(variance, misfit, moments[at.TOLERANCE], law)
 
 
-@njit(cache=True, forceinline=True)
+@njit(cache=True)
 def _usual_errors(row, cell, theta, owed, errors):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Return the usual variance of a kept model's errors at a cell, without what its covariance adds."""
     start, size = theta.size + owed.size, errors.size
@@ -199,7 +199,7 @@ def _usual_errors(row, cell, theta, owed, errors):  # type: ignore[no-untyped-de
     return usual_variance(row[start : start + size].reshape(errors.shape), cell, unknown)
 
 
-@njit(cache=True, forceinline=True)
+@njit(cache=True)
 def _count_reversals(hold, law, velocity):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Count the reversals of the drive; where it makes none, `SAMPLES_A_REVERSAL` samples are one."""
     side = 1.0 if velocity > 0.0 else -1.0
@@ -217,7 +217,7 @@ def _count_reversals(hold, law, velocity):  # type: ignore[no-untyped-def] # pra
         hold[at.UNREVERSED] = 0.0
 
 
-@njit(cache=True, forceinline=True)
+@njit(cache=True)
 def alarming(hold, kept, theta, owed, errors, moments, velocity, cell, error, open_variance, law):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Take one error while nothing is held; return whether the alarm is raised.
 
@@ -252,7 +252,7 @@ def alarming(hold, kept, theta, owed, errors, moments, velocity, cell, error, op
 def begin_hold(hold, kept, kept_root, trial, theta, owed, errors, moments, status, root, prior_root, mean, error):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Hold the model that was kept before the alarm; what learns on is the challenger."""
     power = max(moments[at.ERROR_POWER], error * error)
-    _take(kept[OLDER], theta, owed, errors, moments, True)
+    _take(kept[OLDER], theta, owed, errors, moments, np.bool_(True))  # a literal would be compiled apart
     _keep(kept[HELD], theta, owed, errors, moments)
     _copy(root, kept_root[HELD])
     _copy(prior_root, root)
@@ -361,14 +361,14 @@ def judge(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
             total += trial[place, 2]
     reversals = hold[at.REVERSALS]
     few = FEW * visited
-    if (held_bad == 0 or (reversals >= PASSED_AFTER and held_bad <= few)) and hold[at.HELD_RECENT] < BAD:
-        _resume(hold, kept, kept_root, theta, owed, errors, moments, status, root, True)
-    elif (reversals >= CHANGED_AFTER and total < CLEARLY * held_sum) or (
+    passed = (held_bad == 0 or (reversals >= PASSED_AFTER and held_bad <= few)) and hold[at.HELD_RECENT] < BAD
+    changed = (reversals >= CHANGED_AFTER and total < CLEARLY * held_sum) or (
         reversals >= DECIDED_AFTER and total < RATHER * held_sum
-    ):
+    )
+    if changed and not passed:
         _adopt(hold, kept, kept_root, theta, owed, errors, moments)
-    elif reversals >= GIVEN_UP_AFTER:
-        _resume(hold, kept, kept_root, theta, owed, errors, moments, status, root, False)
+    elif passed or reversals >= GIVEN_UP_AFTER:
+        _resume(hold, kept, kept_root, theta, owed, errors, moments, status, root, passed)
 
 
 @njit(cache=True)

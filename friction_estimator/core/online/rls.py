@@ -27,42 +27,20 @@ rest goes back to the prior."""
 def project(root, x, projected):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Fill projected = S' x and return x' P x.
 
-    Only the rows of S where x differs from zero are read, three at a time: the functions that no velocity of late has
-    met are half of all.
+    Only the rows of S where x differs from zero are read: functions that no velocity of late has met are half of all.
     """
     size = root.shape[1]
     for j in range(size):
         projected[j] = 0.0
-    i = _next(x, 0)
-    while i < x.size:
-        a, x_a = root[i], x[i]
-        i = _next(x, i + 1)
-        if i >= x.size:
+    for i in range(x.size):
+        entry = x[i]
+        if entry != 0.0:
             for j in range(size):
-                projected[j] += x_a * a[j]
-            break
-        b, x_b = root[i], x[i]
-        i = _next(x, i + 1)
-        if i >= x.size:
-            for j in range(size):
-                projected[j] += x_a * a[j] + x_b * b[j]
-            break
-        c, x_c = root[i], x[i]
-        i = _next(x, i + 1)
-        for j in range(size):
-            projected[j] += x_a * a[j] + x_b * b[j] + x_c * c[j]
+                projected[j] += entry * root[i, j]
     total = 0.0
     for j in range(size):
         total += projected[j] * projected[j]
     return total
-
-
-@njit(cache=True, forceinline=True)
-def _next(x, i):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Return the place of the first entry from i on that is not zero, x.size where there is none."""
-    while i < x.size and x[i] == 0.0:
-        i += 1
-    return i
 
 
 @njit(cache=True, forceinline=True)
