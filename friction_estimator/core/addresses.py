@@ -75,7 +75,7 @@ def _entry(array: NDArray[Any], dtype: np.dtype[Any]) -> tuple[int, ...]:
 
 def _address(array: NDArray[Any]) -> int:
     try:
-        return ctypes.addressof(ctypes.c_char.from_buffer(array))  # a quarter of the time that array.ctypes takes
+        return ctypes.addressof(ctypes.c_char.from_buffer(array.data))  # a quarter of the time that array.ctypes takes
     except (TypeError, ValueError):  # read-only, or strided
         return array.ctypes.data
 
