@@ -256,14 +256,17 @@ def test_a_sweep_that_is_killed_goes_on_and_repeats_nothing(swept, bags, tmp_pat
 # Workers
 
 
-def test_a_worker_loads_nothing_that_draws_or_talks(bags):
+def test_a_worker_loads_nothing_that_draws_and_who_asks_no_estimator():
     code = (
-        "import sys\nfrom friction_estimator.tasks import local\nfrom friction_estimator.sweep import judged\n"
-        "heavy = ('matplotlib', 'bokeh', 'rclpy', 'pandas', 'jinja2', 'pyarrow', 'tqdm')\n"
+        "import sys\nfrom friction_estimator.cli import each, swept\n"
+        "print([name for name in ('numba', 'scipy.optimize', 'pyarrow', 'rosbags') if name in sys.modules])\n"
+        "from friction_estimator.tasks import local\nfrom friction_estimator.sweep import judged\n"
+        "from friction_estimator.fleet import diagnosed\n"
+        "heavy = ('matplotlib', 'bokeh', 'rclpy', 'pandas', 'jinja2', 'pyarrow')\n"
         "print([name for name in heavy if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "[]\n"
+    assert done.stdout == "[]\n[]\n"
 
 
 def test_a_recording_is_read_once_for_many_configurations_within_bounds(bags, monkeypatch):

@@ -12,7 +12,7 @@ from friction_estimator.cli import common, many
 from friction_estimator.core.errors import InputError, UnanswerableError
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.text import LONGEST_NAME, shown
-from friction_estimator.fleet.diagnosed import Job, diagnosed
+from friction_estimator.fleet.job import Job, diagnosed
 from friction_estimator.fleet.trend import UNDECIDABLE, Entry, Trend, findings, trends
 from friction_estimator.output.layout import Layout
 from friction_estimator.output.parquet import is_available, write_parquet

@@ -14,7 +14,7 @@ from friction_estimator.core.text import shown
 from friction_estimator.documents.configuration import write_config
 from friction_estimator.output.parquet import is_available, write_parquet
 from friction_estimator.sweep.grid import Configurations, Settings
-from friction_estimator.sweep.judged import Job, judge
+from friction_estimator.sweep.job import Job, judge
 from friction_estimator.sweep.ranking import Ranked, Ranking, best_baseline, log_nrmse_of, rank
 from friction_estimator.tasks.identity import File
 from friction_estimator.tasks.task import Failure

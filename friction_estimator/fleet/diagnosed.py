@@ -3,33 +3,20 @@
 Runs in a worker process: nothing that draws or talks to ROS is imported here.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from friction_estimator.core.errors import about
 from friction_estimator.core.settings.config import Config
-from friction_estimator.core.settings.setting import Value
 from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.diagnosis.summary import as_json
+from friction_estimator.fleet.job import Job
 from friction_estimator.fleet.reading import read_to_diagnose
-from friction_estimator.tasks.identity import File
 
 EARLIEST_NS = 946_684_800 * 1_000_000_000
 """The year 2000: recordings that begin before it count from a zero of their own and have no date."""
 
 
-@dataclass(frozen=True)
-class Job:
-    """What a row follows from: the recording, the settings that differ from the defaults, topics by input, the seed."""
-
-    recording: File
-    settings: Mapping[str, Value]
-    topics: Mapping[str, str]
-    seed: int
-
-
-def diagnosed(job: Job) -> dict[str, Any]:
+def row_of(job: Job) -> dict[str, Any]:
     """Return the row: `diagnose --json` of the recording, without names of files, and
 
     `start_ns` (when the recording began; None where its clock does not say), `duration_s`, `samples`, `rate_hz`.

@@ -26,7 +26,7 @@ UNDECIDABLE = "undecidable"
 
 @dataclass(frozen=True)
 class Entry:
-    """A recording that was diagnosed: its rig, its name, and the row (`diagnosed.diagnosed`)."""
+    """A recording that was diagnosed: its rig, its name, and the row (`diagnosed.row_of`)."""
 
     rig: str
     bag: str

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from friction_estimator.core.errors import ConfigError
-from friction_estimator.core.online.adaptation import LAWS
 from friction_estimator.core.settings.config import PARAMETERS, Config, parameter
 from friction_estimator.core.settings.setting import Value
 
@@ -173,5 +172,5 @@ def _checked(base: Config, combinations: Iterator[Settings], most: int = MOST_CO
 def _acting(base: Config, settings: Settings) -> Settings:
     """Return the settings without those of laws that are not used."""
     law = settings.get("model.law", base.model.law)
-    others = set(LAWS) - {law}
+    others = set(PARAMETERS["model.law"].choices) - {law}
     return {name: value for name, value in settings.items() if name.partition(".")[0] not in others}

@@ -4,7 +4,6 @@ Runs in a worker process: nothing that draws or talks to ROS is imported here.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,8 +16,8 @@ from friction_estimator.core.intake.strokes import reversal_speed, reversals
 from friction_estimator.core.online.replay import replay
 from friction_estimator.core.sample import Bools, Floats, Samples
 from friction_estimator.core.settings.config import PARAMETERS, Config
-from friction_estimator.core.settings.setting import Value
 from friction_estimator.effects.extension import extension_as_met, extension_from_config
+from friction_estimator.sweep.job import FEWEST_BLOCKS, MOST_BLOCKS, Job
 from friction_estimator.sweep.recall import Admitted, recalled
 from friction_estimator.tasks.identity import File
 
@@ -26,31 +25,10 @@ LONGEST_MEMORY = int(PARAMETERS["fir.order"].high)
 """Samples left out after each restart of what is judged: those of the longest memory that can be set, so that every
 configuration is judged on the same ones."""
 
-FEWEST_BLOCKS, MOST_BLOCKS = 8, 64
-"""Blocks of what is judged: one a cycle of two strokes, within these bounds; a row keeps a figure for each."""
-
 LEAST_SAMPLES = 2 * FEWEST_BLOCKS
 
 
-@dataclass(frozen=True)
-class Job:
-    """What a row follows from.
-
-    Attributes
-    ----------
-    recording : learned from. others : judged on; none: what follows the share that is learned.
-    settings : by dotted name, all that differ from the defaults. topics : by input, where the user names them.
-    learned_share : of the samples of `recording` where there are no others, above 0 and below 1.
-    """
-
-    recording: File
-    others: tuple[File, ...]
-    settings: Mapping[str, Value]
-    topics: Mapping[str, str]
-    learned_share: float
-
-
-def judge(job: Job) -> dict[str, Any]:
+def row_of(job: Job) -> dict[str, Any]:
     """Return the row: plain values, the same on every machine of a kind.
 
     `samples` learned from, `motion`, and `judged`: a list with, for each recording that was judged, its `recording`

@@ -27,7 +27,7 @@ from scipy.special import stdtrit
 
 from friction_estimator.core.sample import Floats
 from friction_estimator.sweep.grid import Settings
-from friction_estimator.sweep.judged import FEWEST_BLOCKS
+from friction_estimator.sweep.job import FEWEST_BLOCKS
 
 BLOCKS, RECORDINGS = "blocks", "recordings"
 
@@ -41,7 +41,7 @@ LEAST_NRMSE = 1e-12
 """A model that leaves less is a copy of the plant: its logarithm must stay a number."""
 
 Row = Mapping[str, Any]
-"""What `judged.judge` returns."""
+"""What `judged.row_of` returns."""
 
 
 @dataclass(frozen=True)
