@@ -142,7 +142,7 @@ def test_2000_recordings_in_memory_that_does_not_grow(tmp_path, verb):
     finally:
         process.kill()
         process.wait()
-    assert process.returncode == 0
+    assert process.returncode == (0 if verb == "sweep" else 1)  # 13 s at 50 Hz: no diagnosis is decided
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     failed = summary["failed"] if verb == "sweep" else [one for one in summary["recordings"] if one["problem"]]
     assert len(summary["recordings"]) == RECORDINGS
