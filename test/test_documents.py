@@ -291,6 +291,6 @@ def test_yaml_is_read_by_one_loader_only():
     package = Path(friction_estimator.__file__).parent
     for path in package.rglob("*.py"):
         text = path.read_text(encoding="utf-8")
-        # bag/apart.py speaks JSON with a process of its own.
-        if path.relative_to(package) not in (Path("documents/load.py"), Path("bag/apart.py")):
+        # bag/apart.py speaks JSON with a process of its own, output/journal.py reads back what it wrote.
+        if path.relative_to(package) not in map(Path, ("documents/load.py", "bag/apart.py", "output/journal.py")):
             assert not any(word in text for word in ("yaml.load", "yaml.safe_load", "json.load")), path

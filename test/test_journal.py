@@ -88,7 +88,7 @@ def test_nothing_computed_leaves_nothing(tmp_path):
     assert os.listdir(tmp_path) == []
 
 
-@pytest.mark.parametrize("damage", [b'{"key":"x","row":', b"\0\0\0\0", b"[1]\n", b"\xff\xfe\n"])
+@pytest.mark.parametrize("damage", [b'{"key":"x","row":', b"\0\0\0\0", b"[1]\n", b"\xff\xfe\n", b"[" * 100_000 + b"\n"])
 def test_a_damaged_line_is_passed_over(tmp_path, damage):
     path = tmp_path / "rows"
     with Journal(path) as journal:

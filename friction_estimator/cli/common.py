@@ -286,14 +286,15 @@ def to_json(value: object) -> str:
     >>> to_json({"nrmse": float("nan"), "taps": (1, 2.5)}).replace(chr(10), "")
     '{  "nrmse": null,  "taps": [    1,    2.5  ]}'
     """
-    return json.dumps(_plain(value), indent=2, allow_nan=False)
+    return json.dumps(plain(value), indent=2, allow_nan=False)
 
 
-def _plain(value: object) -> object:
+def plain(value: object) -> object:
+    """Return a value as strict JSON holds it (see `to_json`)."""
     if is_dataclass(value) and not isinstance(value, type):
         value = asdict(value)
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if hasattr(value, "tolist"):  # numpy scalars and arrays, without importing numpy
         value = value.tolist()
     if isinstance(value, float):
@@ -303,5 +304,5 @@ def _plain(value: object) -> object:
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     if isinstance(value, Sequence | set | frozenset):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     raise TypeError(f"{type(value).__name__} has no JSON form")

@@ -1,7 +1,6 @@
 """Many recordings at once: what `sweep` and `diagnose --each` share. A task and a row for each, computed once."""
 
 import argparse
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -129,8 +128,8 @@ def computed(
     wanted = set(keys)
     with output.journal() as journal:
         former = Journal(Path(args.out) / ROWS).rows()
-        known = {key: row for key, row in former.items() if key in wanted and row["problem"] is None}
-        known |= {key: row for key, row in journal.rows().items() if key in wanted}
+        known = {key: row for key, row in former.items() if key in wanted and _is_row(row) and row["problem"] is None}
+        known |= {key: row for key, row in journal.rows().items() if key in wanted and _is_row(row)}
         tasks = [
             Task(key, piece.function, piece.arguments)
             for key, piece in dict(zip(keys, pieces, strict=True)).items()
@@ -170,8 +169,14 @@ def tell_failures(output: common.Output, failures: Sequence[tuple[str, Failure]]
 def _plain(result: Any, failure: Failure | None) -> dict[str, Any]:
     """Return a row as JSON holds it, so that one that was taken over is the same as one that was computed."""
     entry = {"result": result, "problem": failure and failure.problem, "code": failure.code if failure else 0}
-    plain: dict[str, Any] = json.loads(common.to_json(entry))
-    return plain
+    found = common.plain(entry)
+    assert isinstance(found, dict)
+    return found
+
+
+def _is_row(entry: Any) -> bool:
+    """Whether an entry of a journal is one of ours: a file in `--out` may have been edited."""
+    return isinstance(entry, dict) and set(entry) == {"result", "problem", "code"}
 
 
 def _row(entry: Mapping[str, Any]) -> Row:

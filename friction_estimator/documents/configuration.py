@@ -104,12 +104,8 @@ def read_parameters(
     for name in ("/**", *own):
         values |= sections.get(name, {})
     for name, value in values.items():
-        if name.endswith(PATHS):
-            here = source.resolve().parent
-            if isinstance(value, list):
-                values[name] = [str(here / item) if isinstance(item, str) and item else item for item in value]
-            elif isinstance(value, str) and value:
-                values[name] = str(here / value)
+        if isinstance(value, str) and value and name.endswith(PATHS):
+            values[name] = str(source.resolve().parent / value)
     return values
 
 

@@ -5,10 +5,11 @@ import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from friction_estimator.core.errors import ConfigError
-from friction_estimator.core.settings.config import PARAMETERS
+from friction_estimator.core.settings.config import PARAMETERS, PATHS
 from friction_estimator.documents.configuration import PARAMETER_FILE_RULES, read_parameters
 from friction_estimator.documents.load import parse_yaml
 from friction_estimator.documents.schema import Schema
@@ -55,6 +56,9 @@ def read_grid(path: str | os.PathLike[str]) -> Given:
     values = read_parameters(path, schema=GRID_FILE)
     alternatives = {name: value for name, value in values.items() if _is_alternatives(name, value)}
     shared = {name: value for name, value in values.items() if name not in alternatives}
+    here = Path(path).resolve().parent
+    for name in set(alternatives) & set(PATHS):
+        alternatives[name] = [str(here / one) if isinstance(one, str) and one else one for one in alternatives[name]]
     return Given(shared, alternatives)
 
 

@@ -49,8 +49,8 @@ class Journal:
             try:
                 entry = json.loads(line)
                 found[entry["key"]] = entry["row"]
-            except (ValueError, KeyError, TypeError):
-                continue  # was being written
+            except (ValueError, KeyError, TypeError, RecursionError):
+                continue  # was being written, or is none of ours
         return found
 
     def __enter__(self) -> "Journal":
