@@ -58,7 +58,8 @@ def njit(*signatures: Any, cache: bool = False, **options: Any) -> Any:
     """
 
     def compiled(function: Callable[..., Any]) -> Any:
-        dispatcher = numba.njit(**options)(function)
+        # Without the wrapper for callers in C, of whom there are none: a tenth of the compilation.
+        dispatcher = numba.njit(no_cfunc_wrapper=True, **options)(function)
         if cache and hasattr(dispatcher, "enable_caching"):  # a plain function where NUMBA_DISABLE_JIT is set
             with contextlib.suppress(RuntimeError):  # no folder for it: compiled at every start
                 dispatcher._cache = _CheckedCache(function)

@@ -19,7 +19,7 @@ LEAST_BACKOFF, RECOVERY = 1e-4, 1e-4
 """Smallest factor on the step size after guarded steps, and its relative growth a sample."""
 
 
-@njit(cache=True, forceinline=True)
+@njit(no_cpython_wrapper=True, forceinline=True)
 def learn_lms(shape, theta, law, moments, status, x, error):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """A* = A + mu e F, A = A*/||A*||, W += mu e A(q) Psi, A1 += mu e F1.
 

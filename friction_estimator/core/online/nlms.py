@@ -15,7 +15,7 @@ NLMS = 1
 """Its number."""
 
 
-@njit(cache=True, forceinline=True, fastmath={"reassoc", "contract"})
+@njit(no_cpython_wrapper=True, forceinline=True, fastmath={"reassoc", "contract"})
 def learn_nlms(shape, theta, ring, law, status, metric, x, error, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """theta += mu e D x / (eps + x' D x), one normaliser for all blocks, then the norm of A goes into W."""
     energy = power = 0.0
@@ -30,7 +30,7 @@ def learn_nlms(shape, theta, ring, law, status, metric, x, error, gain):  # type
         _move_norm_into_weights(shape, theta)
 
 
-@njit(cache=True, forceinline=True)
+@njit(no_cpython_wrapper=True, forceinline=True)
 def _move_norm_into_weights(shape, theta):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Normalise A and multiply W by its norm, where it has left [0.8, 1.25]: the output does not change."""
     taps = shape[TAPS]

@@ -178,20 +178,20 @@ def _keep_everywhere(hold, kept, theta, owed, errors, moments):  # type: ignore[
     hold[at.SUM] = hold[at.SLOW_SUM] = hold[at.SINCE_KEPT] = 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _usual(variance, misfit, tolerance, law):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Return the variance that an error is measured by."""
     return tolerance * (max(variance, MISFIT_SHARE * misfit) + FLOOR * law[at.RESIDUAL_VARIANCE])
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def surprise_of(row, error, variance, moments, law):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Return a squared error over what is usual for a kept model."""
     misfit = row[row.size - moments.size + at.MISFIT_POWER]
     return error * error / _usual(variance, misfit, moments[at.TOLERANCE], law)
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _usual_errors(row, cell, theta, owed, errors):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Return the usual variance of a kept model's errors at a cell, without what its covariance adds."""
     start, size = theta.size + owed.size, errors.size
@@ -217,7 +217,7 @@ def _count_reversals(hold, law, velocity):  # type: ignore[no-untyped-def] # pra
         hold[at.UNREVERSED] = 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def alarming(hold, kept, theta, owed, errors, moments, velocity, cell, error, open_variance, law):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Take one error while nothing is held; return whether the alarm is raised.
 

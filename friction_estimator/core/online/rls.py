@@ -23,7 +23,7 @@ PULL_EVERY, LARGEST_PULL, PAID_AT_ONCE = 64, 0.5, 1.0 / 256.0
 rest goes back to the prior."""
 
 
-@njit(cache=True, forceinline=True, fastmath={"reassoc", "contract"})
+@njit(no_cpython_wrapper=True, forceinline=True, fastmath={"reassoc", "contract"})
 def project(root, x, projected):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Fill projected = S' x and return x' P x.
 
@@ -43,7 +43,7 @@ def project(root, x, projected):  # type: ignore[no-untyped-def] # pragma: no co
     return total
 
 
-@njit(cache=True, forceinline=True)
+@njit(no_cpython_wrapper=True, forceinline=True)
 def learn_rls(shape, theta, ring, law, moments, status, root, error, clipped, projected, r, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Recursive prediction error under a prior that is never spent, in square-root form.
 
@@ -91,13 +91,13 @@ def learn_rls(shape, theta, ring, law, moments, status, root, error, clipped, pr
     return w
 
 
-@njit(cache=True, forceinline=True)
+@njit(no_cpython_wrapper=True, forceinline=True)
 def _weight(w, r, noise, floor):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Return the information that a sample adds: no more than leaves it the least leverage."""
     return min(w, max(0.0, 1.0 / (floor * noise) - 1.0 / r)) if floor > 0.0 else w
 
 
-@njit(cache=True, forceinline=True)
+@njit(no_cpython_wrapper=True, forceinline=True)
 def _told_by(step, error, r, noise):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Return the information of a sample that moves theta by `step`.
 
@@ -106,12 +106,12 @@ def _told_by(step, error, r, noise):  # type: ignore[no-untyped-def] # pragma: n
     return 1.0 / max(noise, error / step - r) if step != 0.0 else 1.0 / noise
 
 
-@njit(cache=True, forceinline=True)
+@njit(no_cpython_wrapper=True, forceinline=True)
 def _shrinkage(w, r):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     return (1.0 - 1.0 / np.sqrt(1.0 + w * r)) / r if w > 0.0 else 0.0
 
 
-@njit(cache=True, forceinline=True, fastmath={"reassoc", "contract"})
+@njit(no_cpython_wrapper=True, forceinline=True, fastmath={"reassoc", "contract"})
 def update(root, projected, gamma, gain, n, size):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Fill gain = S f for f = `projected`, and S <- S - gamma gain f' row by row; return gain' gain."""
     power = 0.0
@@ -128,7 +128,7 @@ def update(root, projected, gamma, gain, n, size):  # type: ignore[no-untyped-de
     return power
 
 
-@njit(cache=True)
+@njit(no_cpython_wrapper=True)
 def without_noise(shape, theta, root, prior_root, noise, status, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Take off what noise in the columns of the load seemed to tell: information N_j = sum w s_j, and a pull to 0.
 
@@ -173,7 +173,7 @@ def without_noise(shape, theta, root, prior_root, noise, status, gain):  # type:
             row[j] *= 1.0 + gamma * r
 
 
-@njit(cache=True)
+@njit(no_cpython_wrapper=True)
 def mistaken(shape, root, noise, x, direction):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Return the variance of a prediction where a load of which nothing is known may be a force unit off.
 
@@ -193,7 +193,7 @@ def mistaken(shape, root, noise, x, direction):  # type: ignore[no-untyped-def] 
     return total
 
 
-@njit(cache=True)
+@njit(no_cpython_wrapper=True)
 def pull(theta, root, mean, information, owed, moments, status, projected, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """theta -= P R_prior (pull (theta - mean) + share owed): what the prior says of the samples that replaced others.
 

@@ -1,5 +1,9 @@
 """Compiled: what the steps of several laws have in common. x is the regressor of a sample, the gradient of its
-prediction."""
+prediction.
+
+These, and the laws' own steps, are called by `kernels.run` only, and compiled into it: kept with it, not apart, without
+a wrapper for callers in Python.
+"""
 
 import numpy as np
 
@@ -9,7 +13,7 @@ from friction_estimator.core.online import workspace as at
 from friction_estimator.core.settings.groups import LARGEST_PARAMETER
 
 
-@njit(cache=True, forceinline=True, fastmath={"reassoc", "contract"})
+@njit(no_cpython_wrapper=True, forceinline=True, fastmath={"reassoc", "contract"})
 def dot(a, b):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Return a' b, summed in the order that vectorises (the same for every call)."""
     total = 0.0
@@ -18,7 +22,7 @@ def dot(a, b):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     return total
 
 
-@njit(cache=True, forceinline=True, fastmath={"reassoc", "contract"})
+@njit(no_cpython_wrapper=True, forceinline=True, fastmath={"reassoc", "contract"})
 def normalise_taps(shape, theta):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Divide A by its norm (the paper's A = A*/||A*||); return the norm, 0 where A vanished and was left alone."""
     taps = shape[TAPS]
@@ -34,7 +38,7 @@ def normalise_taps(shape, theta):  # type: ignore[no-untyped-def] # pragma: no c
     return 0.0
 
 
-@njit(cache=True, forceinline=True)
+@njit(no_cpython_wrapper=True, forceinline=True)
 def step_along(theta, direction, power, gain, status):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """theta += gain direction, unless |theta| could leave the guarded range: then nothing is learned here.
 
@@ -49,7 +53,7 @@ def step_along(theta, direction, power, gain, status):  # type: ignore[no-untype
     return True
 
 
-@njit(cache=True, forceinline=True)
+@njit(no_cpython_wrapper=True, forceinline=True)
 def trusted(shape, ring, law, status, along, direction, power, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Return `gain`, shortened until the model's bilinear term agrees with its linearisation.
 
@@ -70,7 +74,7 @@ def trusted(shape, ring, law, status, along, direction, power, gain):  # type: i
     return _shortened(shape, ring, status, along, direction, gain)
 
 
-@njit(cache=True)
+@njit(no_cpython_wrapper=True)
 def _shortened(shape, ring, status, along, direction, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     taps, weights = shape[TAPS], shape[WEIGHTS]
     step = direction[taps : taps + weights]
