@@ -324,12 +324,14 @@ def memory_of_a_million() -> float:
 
 
 def main() -> None:
+    source = provenance.line("python benchmarks/kernels/run.py")  # before files are written
+    memory = memory_of_a_million()  # while this process is small: a child's peak begins at its parent's
     samples, library = record(SAMPLES), compiled()
     growing, curves = growth(samples, library)
     draw(curves)
     parts = [
         "# What a sample costs\n",
-        provenance.line("python benchmarks/kernels/run.py"),
+        source,
         f"{SAMPLES} samples of a sine drive, the default basis and 9 taps, one core. Processor time, medians of rounds "
         "in which all rows of a table take turns; ratios are medians of the ratios within a round.\n",
         "## The sample loop beside C\n",
@@ -351,7 +353,7 @@ def main() -> None:
         "Exponents are the slope of the upper half.\n",
         *growing,
         "\n![Cost of a sample over weights and taps](cost.png)\n",
-        f"Peak memory of a million samples, parallel rls, imports included: {memory_of_a_million():.0f} MB",
+        f"Peak memory of a million samples, parallel rls, imports included: {memory:.0f} MB",
     ]
     text = "\n".join(parts) + "\n"
     (HERE / "table.md").write_text(text, encoding="utf-8")
