@@ -32,8 +32,8 @@ from friction_estimator.ros.state import dumps, write_state
 
 Signature = dict[str, str]
 
-_TIMES = re.compile(rb'"samples_per_second": [0-9.e+]+')
-"""The one figure that differs from run to run."""
+_TIMES = re.compile(rb'"samples_per_second": [0-9.e+]+|\d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC|"p\d{4,}"')
+"""What differs from run to run: the speed, when it was, and bokeh's numbers, which go on within a process."""
 
 
 @dataclass(frozen=True)
