@@ -5,9 +5,12 @@ import pickle
 
 import numpy as np
 import pytest
+from synthetic import config_for, samples_of
 
 from friction_estimator.core import addresses
 from friction_estimator.core.addresses import LINE, Addresses, Layout, padded, placed
+from friction_estimator.core.online import workspace
+from friction_estimator.core.online.estimator import Estimator
 
 ARRAYS = {
     "floats": np.arange(5.0),
@@ -91,3 +94,17 @@ def test_copies_find_arrays_of_their_own(copied):
     addresses.floats(other.table, 0)[0] = 7.0
     assert addresses.floats(one.table, 0)[0] == 0.0
     assert addresses.floats(other.table, 0)[0] == 7.0
+
+
+@pytest.mark.parametrize("law", ["lms", "rls"])
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))])
+def test_a_copied_estimator_goes_on_alike_in_rows_of_whole_lines(copied, law):
+    velocity = 0.1 * np.sin(0.05 * np.arange(400.0))
+    samples = samples_of(velocity, np.tanh(velocity / 0.01))
+    one = Estimator(config_for(samples, **{"model.law": law}))
+    one.run(samples[:200], True)
+    other = copied(one)
+    for name in workspace.IN_LINES:
+        own = getattr(other.work, name)
+        assert placed(own) is own or own.ndim < 2 or not own.size
+    np.testing.assert_array_equal(other.run(samples[200:], True), one.run(samples[200:], True))

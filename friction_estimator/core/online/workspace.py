@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -103,6 +104,10 @@ class Workspace:
         taps, size = int(self.shape[prediction.TAPS]), self.theta.size
         object.__setattr__(self, "theta", placed(self.theta, taps))
         object.__setattr__(self, "scratch", placed(np.zeros((3, padded(size) + 2 * LINE))))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copies, and processes that it is sent to, lay their arrays out anew."""
+        return Workspace, tuple(getattr(self, f.name) for f in fields(self) if f.init)
 
     def copy(self) -> "Workspace":
         """Return a copy whose every sample leaves this one as it is."""
