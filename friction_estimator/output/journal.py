@@ -50,7 +50,7 @@ class Journal:
                 entry = json.loads(line)
                 found[entry["key"]] = entry["row"]
             except (ValueError, KeyError, TypeError, RecursionError):
-                continue  # was being written, or is none of ours
+                continue  # was being written, or is damaged, or is none of ours
         return found
 
     def __enter__(self) -> "Journal":
