@@ -8,7 +8,7 @@ PYTEST_ARGS ?=
 # Workers of the suite: two at the most, since the ROS tests start processes of their own.
 WORKERS ?= $(shell n=$$(nproc 2>/dev/null || echo 1); echo $$((n < 2 ? n : 2)))
 
-.PHONY: demo test hard check docs format stale picture lock clean
+.PHONY: demo test hard bench check docs format stale picture lock clean
 
 demo: $(VENV)/.installed
 	$(BIN)/python -m friction_estimator.cli.demo --out demo_out
@@ -46,6 +46,13 @@ $(VENV)/.installed: requirements.lock setup.py setup.cfg package.xml
 picture: $(VENV)/.installed
 	$(BIN)/friction_estimator replay bags/demo --out build/picture
 	cp build/picture/figures/friction_map.png docs/images/friction_map.png
+
+# Speed beside C, numpy, padasip, other ROS nodes and on two processes; an hour, with nothing beside it.
+bench: $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r benchmarks/kernels/requirements.txt
+	$(BIN)/python benchmarks/kernels/run.py
+	$(BIN)/python benchmarks/many/run.py
+	$(BIN)/python benchmarks/node/run.py
 
 # Pages of figures that are older than the rooms they measure.
 stale:
