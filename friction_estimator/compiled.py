@@ -16,7 +16,7 @@ import time
 from collections.abc import Callable
 from functools import cache as remembered
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
 from typing import Any
 
 import numba
@@ -193,29 +193,44 @@ class _CheckedCache(FunctionCache):  # type: ignore[misc]
 def _stamp(function: Callable[..., Any]) -> str:
     """Return a digest of all that the compiled form of a function follows from.
 
-    These are the source files of the function, of all compiled ones that it can call and of the modules whose names it
-    can read, and the constants among its globals, wherever they were imported from. numba looks at the function's own
-    file only, and so runs old code where a function that it calls, or a constant that it reads, has changed.
+    These are the source files of the function, of all compiled ones that it calls and of the modules whose names it
+    reads, and the constants that it reads, wherever they were imported from. numba looks at the function's own file
+    only, and so runs old code where a function that it calls, or a constant that it reads, has changed.
     """
     files: set[str] = set()
     constants: set[str] = set()
+    seen: set[object] = set()
     package = function.__module__.partition(".")[0]
-    waiting = [(function.__code__.co_filename, function.__globals__)]
+    waiting: list[Any] = [function]
     while waiting:
-        file, names = waiting.pop()
-        if file in files:
+        one = waiting.pop()
+        if one in seen:
             continue
-        files.add(file)
-        for name, value in names.items():
-            if isinstance(value, Dispatcher):
-                waiting.append((value.py_func.__code__.co_filename, value.py_func.__globals__))
-            elif isinstance(value, ModuleType):
-                if value.__name__.partition(".")[0] == package and value.__file__:
-                    waiting.append((value.__file__, vars(value)))
-            elif _is_constant(value) and not name.startswith("__"):
-                constants.add(f"{name} = {value!r}")
+        seen.add(one)
+        files.add(one.__code__.co_filename)
+        read = _names(one.__code__)
+        spaces = [one.__globals__]
+        while spaces:
+            space = spaces.pop()
+            for name in read & space.keys():
+                value = space[name]
+                if isinstance(value, Dispatcher):
+                    waiting.append(value.py_func)
+                elif isinstance(value, ModuleType):
+                    if value.__name__.partition(".")[0] == package and value.__file__ and (one, value) not in seen:
+                        seen.add((one, value))
+                        files.add(value.__file__)
+                        spaces.append(vars(value))
+                elif _is_constant(value):
+                    constants.add(f"{name} = {value!r}")
     parts = [*map(_digest, sorted(files)), *(constant.encode() for constant in sorted(constants))]
     return hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in parts)).hexdigest()
+
+
+def _names(code: CodeType) -> set[str]:
+    """Return the global names and attributes that code reads, and those of functions within it."""
+    inner = (part for part in code.co_consts if isinstance(part, CodeType))
+    return set(code.co_names).union(*map(_names, inner))
 
 
 def _is_constant(value: object) -> bool:
