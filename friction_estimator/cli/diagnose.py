@@ -2,14 +2,12 @@
 
 import argparse
 import re
-from collections import Counter
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from friction_estimator.cli import common, joints, many
 from friction_estimator.cli.progress import progress
-from friction_estimator.cli.recorded import settled
+from friction_estimator.cli.recorded import counted, settled
 from friction_estimator.core.errors import InputError, about
 from friction_estimator.core.quantities import Quantities
 from friction_estimator.core.sample import Samples
@@ -120,7 +118,12 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
     if args.out:
         judged = judged_by(args.bags, extended, args.config, _reading(args))
         with output.part() as folder:
-            data = data_quality([recording for recording, _, _ in loaded], config, quantities, _counts(loaded))
+            data = data_quality(
+                [recording for recording, _, _ in loaded],
+                config,
+                quantities,
+                counted([admitted for _, admitted, _ in loaded]),
+            )
             summary = _write(folder, args, result, quantities, extended, judged, data)
         for line in judged:
             output.say(line)
@@ -162,15 +165,6 @@ def _load(bag: str, args: argparse.Namespace, config: Config, output: common.Out
         f"{bag}: {len(admitted.samples)} samples of {admitted.read}" + (f"; refused: {refused}" if refused else "")
     )
     return read.recording, admitted, read.faults
-
-
-def _counts(loaded: Sequence[Loaded]) -> dict[str, Any]:
-    """Return `samples` of the JSON of a replay, over all recordings."""
-    rejected: Counter[str] = Counter()
-    for _, admitted, _ in loaded:
-        rejected.update(admitted.rejected)
-    read, used = (sum(numbers) for numbers in zip(*((a.read, len(a.samples)) for _, a, _ in loaded), strict=True))
-    return {"read": read, "used": used, "rejected": {reason: count for reason, count in rejected.items() if count}}
 
 
 def _write(

@@ -4,7 +4,6 @@ import argparse
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ from friction_estimator.core.errors import InputError, UnanswerableError
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.text import LONGEST_NAME, shown
 from friction_estimator.fleet.job import Job, diagnosed
-from friction_estimator.fleet.trend import UNDECIDABLE, Entry, Trend, findings, trends
+from friction_estimator.fleet.trend import UNDECIDABLE, Entry, Trend, date, findings, trends
 from friction_estimator.output.layout import Layout
 from friction_estimator.output.parquet import is_available, write_parquet
 from friction_estimator.tasks.task import Failure
@@ -27,10 +26,11 @@ LAYOUT = Layout(
     frozenset({"report.html", TABLE, FINDINGS, many.ROWS}),
 )
 
+STAMP = "%Y-%m-%dT%H:%M:%SZ"
+"""A date as JSON and tables have it."""
+
 TOLD = 20
 """Lines of each kind that are printed; the others are in the tables."""
-
-NO_PARQUET = f"{TABLE} and {FINDINGS} are left out: pip install 'friction_estimator[parquet]'"
 
 
 def run(args: argparse.Namespace) -> int:
@@ -46,8 +46,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _run(args: argparse.Namespace, output: common.Output) -> int:
     rigs = [rig_of(bag, args.rig) for bag in args.bags]
-    if not is_available():
-        output.warn(NO_PARQUET)
+    many.tell_tables(output, TABLE, FINDINGS)
     rows, text = _rows(args, common.config_from(args, warned=output.warn), output)
     failures = [(bag, row) for bag, row in zip(args.bags, rows, strict=True) if isinstance(row, Failure)]
     many.tell_failures(output, failures, "recordings")
@@ -95,7 +94,7 @@ def rig_of(bag: str, pattern: str | None) -> str:
 def _rows(args: argparse.Namespace, config: Config, output: common.Output) -> tuple[list[many.Row], str]:
     """Return the row of each recording, and the text of the file that keeps them."""
     files, topics = many.files(args.bags), common.topics_from(args)
-    facts = {"verb": "diagnose", "topics": topics, "seed": args.seed, **many.settings_facts(config)}
+    facts = {"verb": "diagnose", "topics": topics, "seed": args.seed, **many.settings_facts([config])[0]}
     settings = many.changed_settings(config)
     pieces = [
         many.Piece({**facts, "recording": file.content}, diagnosed, (Job(file, settings, topics, args.seed),))
@@ -113,7 +112,9 @@ def _summary(
     recordings: list[dict[str, Any]] = []
     for bag, rig, row in zip(args.bags, rigs, rows, strict=True):
         known = {"problem": row.problem} if isinstance(row, Failure) else {"problem": None, **row}
-        recordings.append({"bag": bag, "rig": rig, "start": None if isinstance(row, Failure) else date(row), **known})
+        recordings.append(
+            {"bag": bag, "rig": rig, "start": None if isinstance(row, Failure) else date(row, STAMP), **known}
+        )
     return {"schema": SCHEMA, "recordings": recordings, "trends": [_trend(one) for one in found]}
 
 
@@ -124,8 +125,8 @@ def _trend(one: Trend) -> dict[str, Any]:
         "name": one.name,
         "recordings": one.recordings,
         "of": one.of,
-        "since": {"bag": one.since.bag, "start": date(one.since.row)},
-        "last_without": one.before and {"bag": one.before.bag, "start": date(one.before.row)},
+        "since": {"bag": one.since.bag, "start": date(one.since.row, STAMP)},
+        "last_without": one.before and {"bag": one.before.bag, "start": date(one.before.row, STAMP)},
         "gain_percent": one.gain_percent,
         "parameters": {
             course.name: {
@@ -144,12 +145,6 @@ def _trend(one: Trend) -> dict[str, Any]:
     }
 
 
-def date(row: Mapping[str, Any], form: str = "%Y-%m-%dT%H:%M:%SZ") -> str | None:
-    """Return when a recording began, UTC; None where its clock does not say."""
-    start = row["start_ns"]
-    return None if start is None else datetime.fromtimestamp(start // 10**9, UTC).strftime(form)
-
-
 def _tell(output: common.Output, entries: Sequence[Entry], found: Sequence[Trend], failed: int) -> None:
     for entry in entries[:TOLD]:
         names = ", ".join(one["name"] for one in findings(entry.row))
@@ -166,7 +161,7 @@ def _tell(output: common.Output, entries: Sequence[Entry], found: Sequence[Trend
 
 def words(trend: Trend) -> str:
     """Return a trend in a sentence or two."""
-    since, before = (entry and date(entry.row, "%Y-%m-%d %H:%M") for entry in (trend.since, trend.before))
+    since, before = (entry and date(entry.row) for entry in (trend.since, trend.before))
     if since is None or since == before:  # their clock does not say which was first: as they were given
         since, before = (entry and shown(Path(entry.bag).name, LONGEST_NAME) for entry in (trend.since, trend.before))
     text = f"{trend.name} in {trend.recordings} of {trend.of} recordings, first in that of {since}"
@@ -191,7 +186,7 @@ def _write_tables(folder: Path, bags: Sequence[str], rigs: Sequence[str], rows: 
     write_parquet(
         folder / TABLE,
         same
-        | {"start": [row and date(row) for row in done]}
+        | {"start": [row and date(row, STAMP) for row in done]}
         | {name: [row and row[name] for row in done] for name in ("duration_s", "samples", "rate_hz", "verdict")}
         | {
             "effects": [row and [one["name"] for one in row["effects"]] for row in done],
@@ -219,7 +214,7 @@ def _write_tables(folder: Path, bags: Sequence[str], rigs: Sequence[str], rows: 
         "gain_percent",
     )
     flat = [
-        (shown(rig), shown(bag), date(row), kind, one["name"], key, item["value"], *item["ci95"], item["unit"],
+        (shown(rig), shown(bag), date(row, STAMP), kind, one["name"], key, item["value"], *item["ci95"], item["unit"],
          one.get("p_value"), (one.get("gain") or {}).get("reduction_percent"))
         for rig, bag, row in zip(rigs, bags, done, strict=True) if row is not None
         for kind in ("effects", "faults")

@@ -11,6 +11,7 @@ from friction_estimator.cli.progress import progress
 from friction_estimator.core.errors import FrictionEstimatorError, InputError
 from friction_estimator.core.settings.config import PATHS, Config
 from friction_estimator.output.journal import Journal, line
+from friction_estimator.output.parquet import is_available
 from friction_estimator.tasks import identity
 from friction_estimator.tasks.identity import File
 from friction_estimator.tasks.local import MOST_WORKERS, LocalWorkers, usable_cores
@@ -63,8 +64,12 @@ def check_options(args: argparse.Namespace) -> None:
         raise InputError("--joint all makes a table of joints, and this is one of recordings: name one joint")
 
 
-def files(bags: Sequence[str], what: str = "BAG") -> list[File | Failure]:
+def files(bags: Sequence[str], what: str = "BAG", known: Sequence[File | Failure] = ()) -> list[File | Failure]:
     """Return the recordings with the digest of their content; a failure for one that cannot be read.
+
+    Parameters
+    ----------
+    what : the option that names them. known : recordings whose digest was taken before.
 
     Raises InputError where one does not exist, or two are the same.
     """
@@ -72,9 +77,14 @@ def files(bags: Sequence[str], what: str = "BAG") -> list[File | Failure]:
     for path in paths:
         if not path.exists():
             raise InputError(f"{path}: no such recording")
+    before = {file.path: file for file in known if isinstance(file, File)}
     found: list[File | Failure] = []
-    with progress("hashing", sum(map(identity.size, paths)), unit="B") as advance:
+    new = [path for path in paths if str(path.resolve()) not in before]
+    with progress("hashing", sum(map(identity.size, new)), unit="B") as advance:
         for path in paths:
+            if (file := before.get(str(path.resolve()))) is not None:
+                found.append(file)
+                continue
             try:
                 # The time is taken first: a change while it is read shows, too.
                 changed = identity.changed_ns(path)
@@ -98,13 +108,21 @@ def _refuse_doubles(paths: Sequence[Path], found: Sequence[File | Failure], what
         raise InputError(f"{doubles[0]}{more}: each would count twice; give one of them as {what}")
 
 
-def settings_facts(config: Config) -> dict[str, Any]:
-    """Return what a result follows from in a configuration: every value, and the content of the files it names."""
-    facts: dict[str, Any] = dict(config.to_mapping())
-    for name in PATHS:
-        if facts.get(name) and name != "state.file":
-            facts[f"{name} content"] = identity.content(Path(str(facts[name])))
-    return facts
+def settings_facts(configs: Sequence[Config]) -> list[dict[str, Any]]:
+    """Return what a result follows from in each configuration: every value, and the content of the files it names."""
+    contents: dict[str, str] = {}
+    """By path: many configurations name one table."""
+    out = []
+    for config in configs:
+        facts: dict[str, Any] = dict(config.to_mapping())
+        for name in PATHS:
+            path = str(facts.get(name) or "")
+            if path and name != "state.file":
+                if path not in contents:
+                    contents[path] = identity.content(Path(path))
+                facts[f"{name} content"] = contents[path]
+        out.append(facts)
+    return out
 
 
 def changed_settings(config: Config) -> dict[str, Any]:
@@ -164,6 +182,12 @@ def tell_failures(output: common.Output, failures: Sequence[tuple[str, Failure]]
         output.warn(failure.problem if name in failure.problem else f"{name}: {failure.problem}")
     if len(failures) > _TOLD:
         output.warn(f"{len(failures) - _TOLD} more {of} failed: each has its reason in the table")
+
+
+def tell_tables(output: common.Output, *tables: str) -> None:
+    """Warn of tables that cannot be written here."""
+    if not is_available():
+        output.warn(f"{' and '.join(tables)} are left out: pip install 'friction_estimator[parquet]'")
 
 
 def _plain(result: Any, failure: Failure | None) -> dict[str, Any]:

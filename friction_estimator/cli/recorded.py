@@ -30,6 +30,15 @@ class Described(Protocol):
         """Return `samples` of the JSON: read, used and rejected by reason."""
 
 
+def counted(admitted: Sequence[Admitted]) -> dict[str, Any]:
+    """Return `samples` of the JSON over recordings: read, used and rejected by reason."""
+    rejected: Counter[str] = Counter()
+    for one in admitted:
+        rejected.update(one.rejected)
+    used = sum(len(one.samples) for one in admitted)
+    return {"read": sum(one.read for one in admitted), "used": used, "rejected": dict(rejected)}
+
+
 @dataclass(frozen=True)
 class Loaded:
     """A recording, its admitted samples and the configuration."""
@@ -50,7 +59,7 @@ class Loaded:
 
     def counts(self) -> dict[str, Any]:
         """Return `samples` of the JSON: read, used and rejected by reason."""
-        return {"read": self.admitted.read, "used": len(self.samples), "rejected": dict(self.admitted.rejected)}
+        return counted([self.admitted])
 
 
 @dataclass(frozen=True)
@@ -92,11 +101,7 @@ class Session:
 
     def counts(self) -> dict[str, Any]:
         """Return `samples` of the JSON over the recordings to learn: read, used and rejected by reason."""
-        rejected: Counter[str] = Counter()
-        for loaded in self.learned:
-            rejected.update(loaded.admitted.rejected)
-        read = sum(loaded.admitted.read for loaded in self.learned)
-        return {"read": read, "used": len(self.samples), "rejected": dict(rejected)}
+        return counted([loaded.admitted for loaded in self.learned])
 
 
 def add_run_options(parser: argparse.ArgumentParser) -> None:

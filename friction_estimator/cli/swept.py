@@ -19,13 +19,10 @@ from friction_estimator.sweep.ranking import Ranked, Ranking, best_baseline, log
 from friction_estimator.tasks.identity import File
 from friction_estimator.tasks.task import Failure
 
-NO_PARQUET = f"{TABLE} and {ROW_TABLE} are left out: pip install 'friction_estimator[parquet]'"
-
 
 def run(args: argparse.Namespace, base: Config, configurations: Configurations, output: common.Output) -> int:
     """Compute, rank, tell and write; return the exit code."""
-    if not is_available():
-        output.warn(NO_PARQUET)
+    many.tell_tables(output, TABLE, ROW_TABLE)
     configs = [base.updated(settings) for settings in configurations.settings]
     rows, text = _rows(args, configs, output)
     failed = _failed(args.bags, configurations.settings, rows)
@@ -55,13 +52,13 @@ def _rows(
 ) -> tuple[list[list[many.Row]], str]:
     """Return the row of each configuration and recording, and the text of the file that keeps them."""
     learned, topics = many.files(args.bags), common.topics_from(args)
-    tests = many.files(args.test, "--test")
+    tests = many.files(args.test, "--test", learned)
     for file in tests:
         if isinstance(file, Failure):
             raise InputError(f"--test: {file.problem}")
     judges = [file for file in tests if isinstance(file, File)]
     settings = [many.changed_settings(config) for config in configs]
-    facts = [many.settings_facts(config) for config in configs]
+    facts = many.settings_facts(configs)
     pieces, places = [], []
     for r, file in enumerate(learned):
         if isinstance(file, Failure):

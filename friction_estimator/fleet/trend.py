@@ -8,10 +8,13 @@ what differs from recording to recording beside time is then part of the noise.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
 from scipy.special import stdtrit
+
+from friction_estimator.core.sample import NS_PER_S
 
 NORMAL_95 = 1.959963984540054
 
@@ -31,6 +34,12 @@ class Entry:
     rig: str
     bag: str
     row: Mapping[str, Any]
+
+
+def date(row: Mapping[str, Any], form: str = "%Y-%m-%d %H:%M") -> str | None:
+    """Return when a recording began, UTC; None where its clock does not say."""
+    start = row["start_ns"]
+    return None if start is None else datetime.fromtimestamp(start // NS_PER_S, UTC).strftime(form)
 
 
 @dataclass(frozen=True)

@@ -3,12 +3,11 @@
 import shlex
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from datetime import UTC, datetime
 from typing import Any
 
 from friction_estimator.core.quantities import LINEAR, ROTARY, Quantities
 from friction_estimator.effects.base import EFFECTS
-from friction_estimator.fleet.trend import UNDECIDABLE, Growth, Trend
+from friction_estimator.fleet.trend import UNDECIDABLE, Growth, Trend, date
 from friction_estimator.report.page.content import CAUTION, GOOD, NEUTRAL, Advice, Light, Page, Section, Whisker
 
 MOST_ROWS = 300
@@ -167,5 +166,4 @@ def _percent(value: float) -> str:
 
 
 def _when(bag: str, row: Mapping[str, Any]) -> str:
-    start = row["start_ns"]
-    return bag if start is None else datetime.fromtimestamp(start // 10**9, UTC).strftime("%Y-%m-%d %H:%M")
+    return date(row) or bag
