@@ -166,6 +166,32 @@ def test_a_gap_is_a_gap(browser, page):
     wait(lambda: "nothing was recorded" in browser.js(READOUT), "the word for a gap")
 
 
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+def test_charts_are_pictures_on_paper(browser, page, dark):
+    """A chart that is drawn for a screen would be cut at the sheet's edge, and pale where the screen was dark."""
+    browser.open(page, 1280, dark=dark)
+    browser.draw_all()
+    # As a browser does that prints: the event first, then the sheet, which is light.
+    browser.js("window.dispatchEvent(new Event('beforeprint'))")
+    scheme = {"name": "prefers-color-scheme", "value": "light"}
+    browser.call("Emulation.setEmulatedMedia", media="print", features=[scheme])
+    browser.call("Emulation.setDeviceMetricsOverride", width=700, height=1000, deviceScaleFactor=1, mobile=False)
+    plots = "[...document.querySelectorAll('.plot')]"
+    seen = f"{plots}.map((plot) => [...plot.children].filter((one) => one.getClientRects().length))"
+    count = browser.js(f"{plots}.length")
+    assert browser.js(f"{seen}.map((them) => them.map((one) => one.tagName))") == [["CANVAS"]] * count
+    assert browser.js(f"Math.max(...{seen}.map(([one]) => one.getBoundingClientRect().right))") <= 700
+    inked = "one.getContext('2d').getImageData(0, 0, one.width, one.height).data.some((x) => x > 0)"
+    assert browser.js(f"{seen}.every(([one]) => {inked})")
+    inverted = browser.js(f"{seen}.map(([one]) => getComputedStyle(one).filter.startsWith('invert'))")
+    assert inverted == [dark] * count
+    assert browser.js("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+    browser.js("window.dispatchEvent(new Event('afterprint'))")
+    browser.call("Emulation.setEmulatedMedia", media="screen")
+    assert browser.js("document.querySelectorAll('.printed').length") == 0
+    assert browser.complaints() == []
+
+
 def test_a_hostile_name_stays_text(browser, replayed, tmp_path):
     evil = "</script><img src=x onerror=document.title='broken'>$$x$$\x1b[2J\u202e"
     result = replayed

@@ -7,11 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pages
 import pytest
+from bokeh.models import Span
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from friction_estimator.cli.common import FIGURE_FORMATS
 from friction_estimator.cli.main import main
+from friction_estimator.core import metrics
 from friction_estimator.core.fit.frozen_score import FrozenScore
 from friction_estimator.core.online.replay import Replay, replay
 from friction_estimator.core.quantities import ROTARY, Quantities
@@ -19,7 +21,7 @@ from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.effects import EFFECTS
-from friction_estimator.report import style
+from friction_estimator.report import figures, style
 from friction_estimator.report.page import curves, diagnosis_charts, envelope, learning, look
 from friction_estimator.report.page.content import CAUTION, GOOD, LEVELS, STOP
 from friction_estimator.report.page.diagnosis_page import diagnosis_page
@@ -94,6 +96,32 @@ def test_a_theory_of_another_machine_and_velocities_never_learned_are_told(repla
     half = replace(replayed.curve, velocity_m_s=0.3 * replayed.curve.velocity_m_s)
     light, _ = judged(replace(replayed, curve=half))
     assert "Data support only 31 %" in light.reason
+
+
+def test_one_direction_is_said_to_hide_a_bias(replayed):
+    samples = replayed.samples
+    for way in (1.0, -1.0):
+        light, advice = judged(
+            replace(replayed, samples=replace(samples, velocity_m_s=way * abs(samples.velocity_m_s)))
+        )
+        assert light.level == CAUTION
+        assert "one direction only: a bias of the force sensor cannot be told from the Coulomb level" in light.reason
+        assert any("both ways" in one.text for one in advice)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.55, 1.0])
+def test_where_learning_stops_is_marked_among_the_cycles(replayed, share):
+    k = np.arange(6000)
+    even = replace(replayed.samples, velocity_m_s=0.1 * np.sin(2.0 * np.pi * k / 600.0))  # the first cycle has no begin
+    result = replace(replayed, samples=even, learned=k < share * k.size)
+    place = figures.learning_stops(result)
+    drawn = learning.error_by_cycle(result, Q, fitted=False).build()
+    marks = [one.location for one in drawn.select({"type": Span}) if one.dimension == "height"]
+    assert marks == ([] if place is None else [place])
+    if share in (0.0, 1.0):
+        assert place is None
+    else:
+        assert place == pytest.approx(0.5 + 10.0 * share - 1.0, abs=0.01)
 
 
 def test_a_simpler_curve_that_is_closer_elsewhere_is_named(replayed):
@@ -231,8 +259,8 @@ def test_what_runs_away_does_not_flatten_the_rest():
 @pytest.mark.parametrize("noise", [0.003, 0.03, 0.3])
 def test_the_noise_floor_is_found_without_a_model(noise):
     samples = record(20_000, 1000.0, noise)
-    assert learning.noise_floor(samples.friction_N, samples.restart) == pytest.approx(noise, rel=0.1)
-    assert np.isnan(learning.noise_floor(samples.friction_N[:50], samples.restart[:50]))
+    assert metrics.white_noise(samples.friction_N, samples.restart) == pytest.approx(noise, rel=0.1)
+    assert np.isnan(metrics.white_noise(samples.friction_N[:50], samples.restart[:50]))
 
 
 def test_ticks_of_a_logarithmic_axis_can_be_read():
@@ -313,14 +341,13 @@ def test_a_diagnosis_that_cannot_answer_claims_no_search(tmp_path):
 
 def test_a_mean_is_not_drawn_over_what_nobody_measured():
     x = np.concatenate([np.linspace(0.0, 1.0, 2000), np.linspace(3.0, 4.0, 2000)])
-    at, mean, scatter = curves.binned(x, np.where(x < 2.0, 1.0, -1.0))
-    assert (np.diff(at) >= 0.0).all()
-    gap = np.flatnonzero(np.isnan(mean))
+    bins = curves.binned(x, np.where(x < 2.0, 1.0, -1.0))
+    assert (np.diff(bins.at) >= 0.0).all()
+    gap = np.flatnonzero(np.isnan(bins.mean))
     assert gap.size == 2
-    assert at[gap[1]] - at[gap[0]] > 1.8
-    assert (scatter[gap] == 0.0).all()
-    at, mean, _ = curves.binned(np.linspace(0.0, 1.0, 4000), np.ones(4000))
-    assert np.isfinite(mean).all()
+    assert bins.at[gap[1]] - bins.at[gap[0]] > 1.8
+    assert (bins.low[gap] == bins.high[gap]).all()
+    assert np.isfinite(curves.binned(np.linspace(0.0, 1.0, 4000), np.ones(4000)).mean).all()
 
 
 def test_a_page_of_many_causes_stays_small(tmp_path):

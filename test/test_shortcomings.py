@@ -80,6 +80,8 @@ def test_a_load_is_named_by_its_kind(kinds):
     effort = samples.friction_N + sum(load[kind] for kind in kinds)
     found = shortcomings(judgement(replace(samples, friction_N=effort)))
     assert [one.name for one in found] == ["load"]
+    several = " and " in found[0].text.partition(" beside")[0]
+    assert (" explain " if several else " explains ") in found[0].text
     if kinds != ["spring"]:  # over a small swing a spring and gravity are one
         assert all(kind in found[0].advice for kind in kinds)
 

@@ -7,6 +7,7 @@ import numpy as np
 from friction_estimator.cli import common
 from friction_estimator.core.fit.frozen_score import FrozenScore
 from friction_estimator.core.online.replay import Replay
+from friction_estimator.core.online.shortcomings import ONE_DIRECTION
 from friction_estimator.core.quantities import FORCE, Quantities
 
 NAMES = {
@@ -53,6 +54,8 @@ def _cell(value: float | None, factor: float) -> str:
 def tell(output: common.Outlet, result: Replay, quantities: Quantities) -> None:
     """Print the table where something was predicted without learning, and why a model is no better."""
     _tell_table(output, rows(result, quantities))
+    if result.one_way:
+        output.say(f"{'note':<12}{quantities.worded(ONE_DIRECTION)}")
     for one in result.shortcomings:
         output.say(f"{'why':<12}{one.text}; {one.advice}")
 

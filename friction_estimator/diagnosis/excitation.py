@@ -4,7 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from friction_estimator.core import metrics
 from friction_estimator.core.intake.encoder import wraps_undone
+from friction_estimator.core.online.shortcomings import ONE_DIRECTION
 from friction_estimator.core.quantities import POSITION, VELOCITY, quantity
 from friction_estimator.core.sample import Floats, Ints
 from friction_estimator.diagnosis.record import FEWEST_BLOCKS, Record
@@ -16,9 +18,6 @@ ONE_SPEED = 1.6
 
 SEVERAL_STROKES = 1.6
 """Cycles of two strokes to a period above which a drive of one period is no plain to and fro."""
-
-ONE_SIDED = 0.02
-"""Share of the moving samples below which a direction does not count."""
 
 LEAST_STANDSTILL = 0.01
 """Share of the samples above which standstill is worth a note."""
@@ -58,10 +57,8 @@ def assess(record: Record, context: Context) -> Excitation:
             f"{record.reversals} reversals in {record.blocks} blocks are too few to tell causes apart: record at least "
             f"{FEWEST_BLOCKS} strokes"
         )
-    if min(np.mean(moving > 0.0), np.mean(moving < 0.0)) < ONE_SIDED:
-        warnings.append(
-            "the shaft moves in one direction only: a bias of the {force} sensor cannot be told from the Coulomb level"
-        )
+    if metrics.one_way(moving):
+        warnings.append(ONE_DIRECTION)
     levels = speed_levels(moving, record.recording[~record.standstill])
     if levels:
         shown = " and ".join(quantity(level, VELOCITY, "+.3g") for level in levels)

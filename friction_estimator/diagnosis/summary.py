@@ -6,6 +6,7 @@ from typing import Any
 
 from friction_estimator.core.quantities import FORCE, Quantities
 from friction_estimator.core.text import number
+from friction_estimator.diagnosis.advice import on_unexplained
 from friction_estimator.diagnosis.held_out import Gain
 from friction_estimator.diagnosis.result import NOTHING_FOUND, UNDECIDABLE, UNEXPLAINED, Diagnosis, Found
 from friction_estimator.effects.base import EFFECTS
@@ -181,5 +182,6 @@ def sentences(result: Diagnosis, quantities: Quantities) -> list[str]:
         shown = "; ".join(f"{trace.name} {trace.share_percent:.2g} %" for trace in result.traces)
         lines.append(f"Traces, too small for a finding (share of the error power): {shown}.")
     lines += [f"{EFFECTS[n].words.what} may be the cause: record {c} to know" for n, c in result.needs_channel]
+    lines += [f"To find it: {text}." for text in on_unexplained(result)]
     lines += [f"Note: {text}." for text in (*result.excitation.warnings, *result.excitation.notes)]
     return [quantities.worded(line) for line in lines]

@@ -136,10 +136,13 @@ def convergence(replay: Replay, fitted: bool = False) -> Figure:
     axes.set_xlabel(" or ".join(kinds) + (", a line where a recording begins" if len(replay.parts) > 1 else ""))
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylabel("nrmse (1)")
-    axes.set_title("Error of the fit" if fitted else "Error while learning")
+    axes.set_title("Error of the fit" if fitted else "Error while learning" if replay.learned.all() else "Error")
     style.readable_log(axes.yaxis)
     for number in cycles_before(replay):
         axes.axvline(number + 0.5, color=style.MEASURED, lw=0.8)
+    stop = learning_stops(replay)
+    if stop is not None:
+        axes.axvline(stop, color=style.RESIDUAL, ls="--", label="learning stops")
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure
 
@@ -151,9 +154,20 @@ def _level(axes: Axes, value: float, label: str, colour: str, dash: str) -> None
 
 def cycles_before(replay: Replay) -> list[int]:
     """Return how many values of nrmse_by_cycle lie before each recording but the first."""
-    velocity = replay.samples.velocity_m_s
-    counts = [len(metrics.by_cycle(velocity[part], velocity[part], velocity[part])) for part in replay.parts]
-    return [sum(counts[:k]) for k in range(1, len(counts))]
+    cycles = metrics.cycles_or_tenths(replay.samples.velocity_m_s, replay.starts)
+    return [sum(cycle.start < start for cycle in cycles) for start in replay.starts[1:]]
+
+
+def learning_stops(replay: Replay) -> float | None:
+    """Return where learning stops, on an axis on which cycle k of nrmse_by_cycle lies at k + 1; None where it goes on.
+
+    Where nothing was learned there is no such place either.
+    """
+    if replay.learned.all() or not replay.learned.any():
+        return None
+    last = int(np.flatnonzero(replay.learned)[-1]) + 1
+    cycles = metrics.cycles_or_tenths(replay.samples.velocity_m_s, replay.starts)
+    return 0.5 + sum(min(1.0, max(0.0, (last - one.start) / (one.stop - one.start))) for one in cycles)
 
 
 def friction_map(replay: Replay, quantities: Quantities) -> Figure:

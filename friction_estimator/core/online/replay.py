@@ -163,6 +163,12 @@ class Replay:
         )
 
     @cached_property
+    def one_way(self) -> int:
+        """The only direction that was learned from, 1 or -1; 0 where both were, or nothing."""
+        judged = self._judgement
+        return metrics.one_way(self.samples.velocity_m_s[judged.learned & ~judged.standing])
+
+    @cached_property
     def in_motion(self) -> InMotion:
         """The score of what was predicted without learning (or of all) over the samples in motion."""
         return in_motion(self._judgement)

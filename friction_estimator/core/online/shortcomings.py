@@ -28,8 +28,10 @@ GOOD_NRMSE = 0.1
 LEAST_SHARE = 0.25
 """Share of the squared error that is worth naming."""
 
-ONE_WAY = 0.98
-"""Share of the samples in motion that go one way, from which the other direction counts as never met."""
+ONE_DIRECTION = (
+    "the shaft moves in one direction only: a bias of the {force} sensor cannot be told from the Coulomb level"
+)
+"""Said of a record in which `metrics.one_way` holds; for `Quantities.worded`."""
 
 LEAST_SAMPLES = 200
 """Samples in motion below which no load is sought."""
@@ -189,11 +191,7 @@ def _standing(share: float, of_samples: float) -> Shortcoming:
 
 def _other_way(velocity: Floats, learned: Bools) -> Bools:
     """Return where the velocity has a direction that was never learned from, (n,)."""
-    known = velocity[learned]
-    forward = float(np.mean(known > 0.0)) if known.size else 0.5
-    if ONE_WAY > forward > 1.0 - ONE_WAY:
-        return np.zeros(velocity.size, np.bool_)
-    return np.asarray(velocity < 0.0 if forward >= ONE_WAY else velocity > 0.0)
+    return np.asarray(velocity * metrics.one_way(velocity[learned]) < 0.0, np.bool_)
 
 
 def _never_met(velocity: Floats, learned: Bools) -> Bools:
@@ -278,8 +276,9 @@ def _load(judged: Judgement, within: Bools, left: float) -> Shortcoming | None:
     return Shortcoming(
         "load",
         100.0 * gain * left,
-        f"the force holds more than friction: {words} beside Coulomb and viscous friction explains {gain:.0%} of what "
-        "these leave of it in motion, on parts of the record that were not fitted",
+        f"the force holds more than friction: {words} beside Coulomb and viscous friction "
+        f"{'explains' if len(best) == 1 else 'explain'} {gain:.0%} of what these leave of it in motion, on parts of "
+        "the record that were not fitted",
         f"set load.terms: [{', '.join(best)}] in --config, or take the load off at import",
     )
 

@@ -26,7 +26,7 @@ from friction_estimator.core.errors import InputError
 from friction_estimator.core.quantities import FORCE, VELOCITY, Quantities
 from friction_estimator.core.sample import Floats
 from friction_estimator.report.live.seen import Look, Seen
-from friction_estimator.report.page.look import INKS, Plot, band, chart, ink, line
+from friction_estimator.report.page.look import INKS, Plot, band, chart, ink, line, parted
 
 HERE = "127.0.0.1"
 
@@ -260,24 +260,19 @@ class _Page:
 
 
 def interrupted(last: Floats, rows: Floats) -> dict[str, Floats]:
-    """Return the columns that are drawn of rows (n, 5), with two rows more at each gap.
-
-    In them the lines are NaN, which interrupts them. A fill goes on over NaN: the band has no height there instead.
+    """Return the columns that are drawn of rows (n, 5), parted at gaps (see `look.parted`).
 
     Parameters
     ----------
     last : (1, 5), the row drawn last, or (0, 5): a gap may lie between it and the first row.
     """
-    joined = np.vstack([last, rows])
-    gaps = np.flatnonzero(np.diff(joined[:, 0]) > GAP_S) + 1
-    places = np.repeat(gaps, 2)
-    ends = joined[np.column_stack([gaps - 1, gaps]).ravel()]
-    inside = np.insert(np.zeros(len(joined), np.bool_), places, True)[len(last) :]
-    time, velocity, measured, predicted, stddev = np.insert(joined, places, ends, axis=0)[len(last) :].T
-    half = np.where(inside, 0.0, BAND_SIGMAS * stddev)
-    lines = {"velocity": velocity, "measured": measured, "predicted": predicted, "residual": measured - predicted}
-    band = {"low": predicted - half, "high": predicted + half}
-    return {"time": time.copy()} | band | {name: np.where(inside, np.nan, line) for name, line in lines.items()}
+    time, velocity, measured, predicted, stddev = np.vstack([last, rows]).T
+    gaps = np.flatnonzero(np.diff(time) > GAP_S) + 1
+    lines = (velocity, measured, predicted, measured - predicted)
+    half = BAND_SIGMAS * stddev
+    drawn = parted(gaps, time, lines, predicted - half, predicted + half)
+    names = ("time", "velocity", "measured", "predicted", "residual", "low", "high")
+    return {name: values[len(last) :].copy() for name, values in zip(names, drawn, strict=True)}
 
 
 def _labels(force: str, velocity: str) -> list[tuple[str, str]]:

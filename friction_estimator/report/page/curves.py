@@ -130,16 +130,28 @@ def _against(channel: Channel, residual: Floats, used: Bools, q: Quantities) -> 
     if not x.size or ends[1] <= ends[0]:
         return target
     counted(target, x, y, ends, (-edge, edge))
-    at, mean, scatter = binned(x, y)
-    drawn = mean_line(target, (at, mean, scatter), "residual", "mean")
+    drawn = mean_line(target, binned(x, y), "residual", "mean")
     look.hover(target, [drawn], [(channel.label, "@x{0.0000}"), ("mean", f"@y{{0.0000}} {q.force}")], "vline")
     return target
 
 
-def binned(x: Floats, y: Floats, bins: int = 0) -> tuple[Floats, Floats, Floats]:
-    """Return middle, mean and standard deviation in even bins of x that hold enough samples.
+@dataclass(frozen=True)
+class Bins:
+    """The mean in bins, and the range of one standard deviation about it, parted where bins are missing (`parted`).
 
-    Where several bins in a row hold too few, rows of NaN and 0 at either end of the gap stand for them.
+    Attributes
+    ----------
+    at, mean, low, high : (rows,); the middle of each bin, and what it holds.
+    """
+
+    at: Floats
+    mean: Floats
+    low: Floats
+    high: Floats
+
+
+def binned(x: Floats, y: Floats, bins: int = 0) -> Bins:
+    """Return the mean of y in even bins of x that hold enough samples.
 
     Parameters
     ----------
@@ -154,23 +166,15 @@ def binned(x: Floats, y: Floats, bins: int = 0) -> tuple[Floats, Floats, Floats]
     middle, mean = (np.bincount(cell, weights=w, minlength=count) / many for w in (x, y))
     square = np.bincount(cell, weights=np.square(y), minlength=count) / many
     scatter = np.sqrt(np.maximum(square - np.square(mean), 0.0))
-    kept = np.flatnonzero(keep)
-    begins = np.flatnonzero(np.diff(kept) > BRIDGED + 1)
-    # Just behind the last bin before a gap, and just before the first one after it.
-    behind, before = (middle[kept[begins + one]] for one in (0, 1))
-    at = np.insert(middle[keep], np.repeat(begins + 1, 2), np.column_stack([behind, before]).ravel())
-    gap = np.repeat(begins + 1, 2)
-    return at, np.insert(mean[keep], gap, np.nan), np.insert(scatter[keep], gap, 0.0)
+    gaps = np.flatnonzero(np.diff(np.flatnonzero(keep)) > BRIDGED + 1) + 1
+    middle, mean, scatter = middle[keep], mean[keep], scatter[keep]
+    return Bins(*look.parted(gaps, middle, [mean], mean - scatter, mean + scatter))
 
 
-def mean_line(target: look.Plot, bins: tuple[Floats, Floats, Floats], name: str, label: str, alpha: float = 0.2) -> Any:
-    """Draw the mean in bins (see `binned`) with the range of a standard deviation about it; return the line."""
-    at, mean, scatter = bins
-    # A fill does not end at NaN as a line does: in a gap it is a line of no height.
-    middle, gaps = mean.copy(), np.flatnonzero(~np.isfinite(mean))
-    middle[gaps[::2]], middle[gaps[1::2]] = mean[gaps[::2] - 1], mean[gaps[1::2] + 1]
-    look.band(target, at, middle - scatter, middle + scatter, name, "± one standard deviation", alpha)
-    return look.line(target, at, mean, name, label, line_width=2.0)
+def mean_line(target: look.Plot, bins: Bins, name: str, label: str, alpha: float = 0.2) -> Any:
+    """Draw the mean in bins with the range of a standard deviation about it; return the line."""
+    look.band(target, bins.at, bins.low, bins.high, name, "± one standard deviation", alpha)
+    return look.line(target, bins.at, bins.mean, name, label, line_width=2.0)
 
 
 def channels(result: Replay, q: Quantities) -> Sequence[Channel]:

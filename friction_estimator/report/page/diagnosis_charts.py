@@ -116,8 +116,8 @@ def _pair(
             name = "theory" if word == "before" else "predicted"
             drawn = curves.mean_line(target, curves.binned(x, y, bins), name, f"mean, {word}")
             if word == "before":
-                there, off, _ = curves.binned(x, before - after, bins)
-                look.line(target, there, off, "text", "what the effect takes off", line_dash="dashed")
+                off = curves.binned(x, before - after, bins)
+                look.line(target, off.at, off.mean, "text", "what the effect takes off", line_dash="dashed")
             look.hover(target, [drawn], [(across.label, "@x{0.0000}"), ("mean", f"@y{{0.0000}} {q.force}")], "vline")
         panels.append(target)
     return column(*panels, sizing_mode="stretch_width", spacing=2)

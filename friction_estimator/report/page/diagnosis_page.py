@@ -7,28 +7,16 @@ import numpy as np
 
 from friction_estimator.core.quantities import FORCE, VELOCITY, Quantities
 from friction_estimator.core.text import LONGEST_NAME, number, shown
+from friction_estimator.diagnosis.advice import on_remainder
 from friction_estimator.diagnosis.held_out import Gain
-from friction_estimator.diagnosis.result import EFFECTS_FOUND, NOTHING_FOUND, UNDECIDABLE, UNEXPLAINED, Diagnosis, Found
+from friction_estimator.diagnosis.result import UNDECIDABLE, Diagnosis, Found
 from friction_estimator.effects.base import EFFECTS
 from friction_estimator.effects.detection import Fault
 from friction_estimator.report.diagnosis_figures import REMAINDER
-from friction_estimator.report.page.content import (
-    CAUTION,
-    GOOD,
-    NEUTRAL,
-    STOP,
-    Advice,
-    Bar,
-    Card,
-    Chart,
-    Light,
-    Page,
-    Section,
-)
+from friction_estimator.report.page import diagnosis_top as top
+from friction_estimator.report.page.content import CAUTION, NEUTRAL, STOP, Bar, Card, Chart, Page, Section
+from friction_estimator.report.page.diagnosis_top import plain, sentence
 from friction_estimator.report.page.write import is_interactive
-
-MUCH_LEFT = 50.0
-"""Percent of the held-out error above the noise floor that is left, above which the model is not yet explained."""
 
 
 def diagnosis_page(
@@ -60,7 +48,8 @@ def diagnosis_page(
             "Something that no name holds for",
             REMAINDER,
             STOP,
-            [f"{result.remainder.words[0].upper()}{q.worded(result.remainder.words[1:])}."],
+            [q.worded(sentence(result.remainder.words))],
+            facts=[("Where to look", q.worded(sentence(on_remainder(result.remainder))))],
             files=[(files[REMAINDER], "What is left, against what it depends on.")] if REMAINDER in files else [],
         )
         sections.append(Section("What is left", cards=[left]))
@@ -73,97 +62,12 @@ def diagnosis_page(
         title="Diagnosis",
         lead="What the model of this friction gets wrong, and why, over "
         + ", ".join(shown(bag, LONGEST_NAME) for bag in bags),
-        verdict=_verdict(result, spread, q),
-        light=_light(result),
-        advice=_advice(result, q),
-        facts=_facts(result, spread, q),
+        verdict=top.verdict(result, spread, q),
+        light=top.light(result),
+        advice=top.advice(result, spread, q),
+        facts=top.facts(result, spread, q),
         sections=sections,
     )
-
-
-def _all(result: Diagnosis) -> list[Found | Fault]:
-    return [*result.effects, *result.faults]
-
-
-def plain(name: str) -> str:
-    """Return the name of a cause as a heading has it."""
-    return name.replace("_", " ").capitalize()
-
-
-def _verdict(result: Diagnosis, spread: float, q: Quantities) -> str:
-    before, floor = (q.text(share * spread, FORCE, ".2g") for share in (result.nrmse_holdout, result.noise_floor))
-    names = [plain(found.name).lower() for found in _all(result)]
-    if result.verdict == UNDECIDABLE:
-        return "These recordings cannot answer; what they lack stands below."
-    if result.verdict == NOTHING_FOUND:
-        return (
-            f"Nothing found: the model errs by ±{before} rms on samples that it never saw, the noise alone is ±{floor}."
-        )
-    if result.verdict == UNEXPLAINED:
-        return (
-            f"Something is there that no name holds for: the model errs by ±{before} rms on samples that it never "
-            f"saw, and the noise alone is ±{floor}."
-        )
-    text = f"{_count(len(names))}: {', '.join(names)}."
-    if result.total_gain is not None:
-        after = q.text(result.total_gain.nrmse_after * spread, FORCE, ".2g")
-        text += f" With {'it' if len(result.effects) == 1 else 'them'} in the model its error on samples that it never "
-        text += f"saw falls from ±{before} to ±{after} rms; the noise alone is ±{floor}."
-    return text
-
-
-def _count(number: int) -> str:
-    words = ("No cause", "One cause", "Two causes", "Three causes", "Four causes", "Five causes")
-    return f"{words[number] if number < len(words) else f'{number} causes'} found"
-
-
-def _light(result: Diagnosis) -> Light:
-    if result.verdict == UNDECIDABLE:
-        return Light(STOP, "The recordings show too little to tell causes apart.", "Undecidable")
-    if result.verdict == NOTHING_FOUND:
-        return Light(GOOD, "Nothing above the limits below is missing from the model.", "Nothing found")
-    if result.verdict == UNEXPLAINED:
-        return Light(
-            STOP, "The error is above the noise, and none of the causes that are known explains it.", "Unexplained"
-        )
-    if result.unexplained_percent > MUCH_LEFT:
-        reason = (
-            f"Named causes explain a part; {result.unexplained_percent:.0f} % of the error is still above the noise."
-        )
-        return Light(CAUTION, reason, "Found in part")
-    if any(found.rivals for found in result.effects):
-        return Light(CAUTION, "A cause is there, but these data cannot tell it from another one.", "Found, not unique")
-    return Light(NEUTRAL, f"What is left above the noise is {result.unexplained_percent:.0f} % of the error.", "Found")
-
-
-def _advice(result: Diagnosis, q: Quantities) -> list[Advice]:
-    out = [Advice(f"Next experiment, for {found.experiment}.") for found in result.effects if found.experiment]
-    out += [
-        Advice(f"Record {channel}: {EFFECTS[name].words.what} may be the cause, and only that tells.")
-        for name, channel in result.needs_channel
-    ]
-    if result.verdict != EFFECTS_FOUND:
-        out += [Advice(f"{text[0].upper()}{text[1:]}.") for text in result.excitation.warnings]
-    return [Advice(q.worded(one.text)) for one in out]
-
-
-def _facts(result: Diagnosis, spread: float, q: Quantities) -> list[tuple[str, str, str]]:
-    # Nothing was held out of data that cannot answer.
-    judged = "error of the fit" if result.verdict == UNDECIDABLE else "error, unseen samples"
-    out = [(judged, q.text(result.nrmse_holdout * spread, FORCE, ".3g"), _share(result.nrmse_holdout))]
-    if result.total_gain is not None:
-        after = result.total_gain.nrmse_after
-        out.append(("with what was found", q.text(after * spread, FORCE, ".3g"), _share(after)))
-    out.append(("noise floor", q.text(result.noise_floor * spread, FORCE, ".3g"), _share(result.noise_floor)))
-    if result.effects or result.faults:
-        out.append(("left above the floor", f"{result.unexplained_percent:.1f} %", "of the error on unseen samples"))
-    found = result.excitation
-    out.append(("reversals", str(found.reversals), f"{found.cycles} cycles"))
-    return out
-
-
-def _share(nrmse: float) -> str:
-    return f"{100 * nrmse:.2f} % of the spread"
 
 
 def _told(result: Diagnosis, spread: float, q: Quantities) -> list[str]:
@@ -189,7 +93,7 @@ def _effect_card(result: Diagnosis, found: Found, spread: float, q: Quantities, 
         gain = Bar(one.reduction_percent, one.low_percent, one.high_percent, _gained(one, spread, q))
     facts = []
     if words.where != found.evidence:
-        facts.append(("Where such a thing shows", q.worded(f"{words.where[0].upper()}{words.where[1:]}.")))
+        facts.append(("Where such a thing shows", q.worded(sentence(words.where))))
     if found.gain is None:
         facts.append(
             ("No gain", "The base model's own memory had taken it up: it is there, but predicts nothing better.")
@@ -211,7 +115,7 @@ def _effect_card(result: Diagnosis, found: Found, spread: float, q: Quantities, 
         plain(found.name),
         found.name,
         CAUTION if found.rivals else NEUTRAL,
-        [q.worded(f"{words.what[0].upper()}{words.what[1:]}."), q.worded(f"Seen in this: {found.evidence}.")],
+        [q.worded(sentence(words.what)), q.worded(f"Seen in this: {found.evidence}.")],
         values,
         gain,
         facts,
@@ -252,7 +156,7 @@ def _fault_card(fault: Fault, q: Quantities, files: Mapping[str, Path]) -> Card:
         plain(fault.name),
         fault.name,
         CAUTION,
-        [q.worded(f"{words.what[0].upper()}{words.what[1:]}."), q.worded(f"Seen in this: {fault.evidence}.")],
+        [q.worded(sentence(words.what)), q.worded(f"Seen in this: {fault.evidence}.")],
         [_value(q, name, *quantity) for name, quantity in fault.parameters.items()],
         None,
         [("A fault of the data", f"Repaired: {fault.repaired}.")],
@@ -276,7 +180,7 @@ def _extended(judged: Sequence[str]) -> Section:
 
 def _not_found(result: Diagnosis, q: Quantities) -> Section:
     """Return what was looked for and not found, with the limits that are known."""
-    named = {one.name for one in _all(result)}
+    named = {one.name for one in top.named(result)}
     traces = {trace.name: trace.share_percent for trace in result.traces}
     channels = dict(result.needs_channel)
     rows: list[Sequence[object]] = [("cause", "what it would be", "outcome")]
@@ -306,5 +210,5 @@ def _shown(result: Diagnosis, q: Quantities) -> Section:
         ("cycles", str(found.cycles)),
         ("channels", ", ".join(found.channels)),
     ]
-    notes = [q.worded(f"{text[0].upper()}{text[1:]}.") for text in (*found.warnings, *found.notes)]
+    notes = [q.worded(sentence(text)) for text in (*found.warnings, *found.notes)]
     return Section("What the recordings can show", notes, rows)

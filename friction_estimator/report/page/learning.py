@@ -7,33 +7,20 @@ from bokeh.models import ColumnDataSource, Span, UIElement
 from friction_estimator.core import metrics
 from friction_estimator.core.online.replay import Replay
 from friction_estimator.core.quantities import FORCE, Quantities
-from friction_estimator.core.sample import Bools, Floats
+from friction_estimator.core.sample import Floats
 from friction_estimator.report import figures
 from friction_estimator.report.page import look
 from friction_estimator.report.page.content import Chart
 
 
-def noise_floor(force_N: Floats, restart: Bools) -> float:
-    """Return the rms of what is white in a measured force, N: no prediction made before the measurement is better.
-
-    Of third differences inside gap-free pieces, e = (f[k] - 3 f[k-1] + 3 f[k-2] - f[k-3]) / sqrt(20): a motion that is
-    smooth over four samples vanishes in them (Gasser, Sroka, Jennen-Steinmetz 1986). Their median counts, so that
-    reversals, where friction jumps, do not. NaN below 100 of them.
-    """
-    if force_N.size < 4:
-        return float("nan")
-    whole = ~(restart[1:-2] | restart[2:-1] | restart[3:])
-    third = np.abs(np.diff(force_N, 3)[whole])
-    return float(np.median(third) / (0.6745 * np.sqrt(20.0))) if third.size >= 100 else float("nan")
-
-
 def error_by_cycle(result: Replay, q: Quantities, fitted: bool) -> Chart:
     """Return the error of each cycle beside what it must be read beside."""
     when = " of the fit" if fitted else " while learning" if result.learned.all() else ""
+    frozen = "" if figures.learning_stops(result) is None else " Nothing is learned behind the line that says so."
     return Chart(
         f"Error{when}, cycle by cycle",
-        "Rms error of each drive cycle (tenths of the record where the drive is not periodic). The noise floor is what "
-        "is white in the measured friction, found without a model: no honest prediction goes below it.",
+        f"Rms error of each drive cycle (tenths of the record where the drive is not periodic).{frozen} The noise "
+        "floor is what is white in the measured friction, found without a model: no honest prediction goes below it.",
         lambda: _errors(result, q),
     )
 
@@ -44,7 +31,7 @@ def _errors(result: Replay, q: Quantities) -> UIElement:
     errors = look.in_units(q, spread * np.array(merit["nrmse_by_cycle"]), FORCE)
     number = np.arange(1.0, errors.size + 1.0)
     levels = [
-        ("noise floor", noise_floor(samples.friction_N, samples.restart), "measured", "dotted"),
+        ("noise floor", metrics.white_noise(samples.friction_N, samples.restart), "measured", "dotted"),
         ("guess: as one sample ago", spread * merit["nrmse_persistence"], "unsupported", "dashed"),
         ("theoretical curve alone", spread * (merit["theory_nrmse"] or np.nan), "theory", "dashed"),
         ("always the mean", spread, "known", "dotdash"),
@@ -68,8 +55,11 @@ def _errors(result: Replay, q: Quantities) -> UIElement:
     if errors.size <= 200:
         points = target.scatter(number, errors, size=5, color=look.INKS["predicted"])
         look.ink(points.glyph, "predicted")
-    for begin in figures.cycles_before(result):
-        target.add_layout(look.ink(Span(location=begin + 0.5, dimension="height", line_dash="dashed"), "unsupported"))
+    for number, begin in enumerate(figures.cycles_before(result), start=2):
+        look.mark(target, begin + 0.5, f"recording {number}")
+    stop = figures.learning_stops(result)
+    if stop is not None:
+        look.mark(target, stop, "learning stops")
     tips = [("cycle", "@x"), ("rms error", f"@y{{0.0000}} {q.force}"), ("of the spread", "@nrmse{0.00} %")]
     look.hover(target, [drawn], tips, "vline")
     return target

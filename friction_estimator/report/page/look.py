@@ -4,22 +4,25 @@ import math
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
+import numpy as np
 from bokeh.models import (
     BasicTicker,
     ColorBar,
     CustomJSTickFormatter,
     FixedTicker,
     HoverTool,
+    Label,
     Legend,
     LegendItem,
     LogColorMapper,
     Range1d,
+    Span,
     WheelZoomTool,
 )
 from bokeh.plotting import figure
 
 from friction_estimator.core.quantities import Quantities
-from friction_estimator.core.sample import Floats
+from friction_estimator.core.sample import Floats, Ints
 
 Plot: TypeAlias = figure
 
@@ -147,6 +150,33 @@ def labelled(target: Plot, drawn: Any, label: str) -> Any:
             target.add_layout(legend, "above")
         target.legend[0].items = [*target.legend[0].items, LegendItem(label=label, renderers=[drawn])]
     return drawn
+
+
+def parted(gaps: Ints, x: Floats, lines: Sequence[Floats], low: Floats, high: Floats) -> list[Floats]:
+    """Return x, lines, low and high (n,) with two rows more at each gap, one at either end of it.
+
+    In them a line is NaN, which interrupts it. A fill goes on over NaN: it has no height there instead. (page.js does
+    the same for what it chooses to draw.)
+
+    Parameters
+    ----------
+    gaps : rows before which a gap lies, above 0.
+
+    >>> [y.tolist() for y in parted(np.array([1]), np.array([0.0, 9.0]), [np.ones(2)], np.zeros(2), np.full(2, 2.0))]
+    [[0.0, 0.0, 9.0, 9.0], [1.0, nan, nan, 1.0], [0.0, 1.0, 1.0, 0.0], [2.0, 1.0, 1.0, 2.0]]
+    """
+    ends, places = np.column_stack([gaps - 1, gaps]).ravel(), np.repeat(gaps, 2)
+    middle = (0.5 * (low + high))[ends]
+    filled = [(x, x[ends]), *((one, np.nan) for one in lines), (low, middle), (high, middle)]
+    return [np.insert(values, places, inside) for values, inside in filled]
+
+
+def mark(target: Plot, x: float, word: str = "") -> None:
+    """Draw a dashed line across a chart at a place, and what it is."""
+    target.add_layout(ink(Span(location=x, dimension="height", line_dash="dashed"), "unsupported"))
+    if word:
+        named = Label(x=x, y=4, y_units="screen", x_offset=4, text=word, text_font_size="11px", text_color=INKS["text"])
+        target.add_layout(ink(named, "text"))
 
 
 def density(target: Plot, count: Floats, span: tuple[float, float], reach: tuple[float, float]) -> None:

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 from bokeh.layouts import column
-from bokeh.models import ColumnDataSource, CustomJS, Label, Range1d, Span, UIElement
+from bokeh.models import ColumnDataSource, CustomJS, Range1d, Span, UIElement
 
 from friction_estimator.core import metrics
 from friction_estimator.core.quantities import FORCE, VELOCITY, Quantities
@@ -126,17 +126,7 @@ def _build(signals: Signals, q: Quantities, rows: int, most: int) -> UIElement:
             look.ink(Span(dimension="height", line_width=1, line_dash="dotted", name=f"cursor_{panel.name}"), "text")
         )
         for seconds, word in signals.marks:
-            panel.add_layout(look.ink(Span(location=seconds, dimension="height", line_dash="dashed"), "unsupported"))
-            if panel is panels[0]:
-                panel.add_layout(
-                    look.ink(
-                        Label(
-                            x=seconds, y=4, y_units="screen", x_offset=4, text=word, text_font_size="11px",
-                            text_color=look.INKS["text"],
-                        ),
-                        "text",
-                    )
-                )  # fmt: skip
+            look.mark(panel, seconds, word if panel is panels[0] else "")
     panels[0].xaxis.visible = panels[1].xaxis.visible = False
     panels[2].xaxis.axis_label = "time (s)"
     # What holds the tables is never drawn: it must hang on something to get into the page.

@@ -8,7 +8,7 @@ import numpy as np
 from friction_estimator.core import metrics
 from friction_estimator.core.fit.frozen_score import CURVES, FrozenScore
 from friction_estimator.core.online.replay import Replay
-from friction_estimator.core.online.shortcomings import GOOD_NRMSE
+from friction_estimator.core.online.shortcomings import GOOD_NRMSE, ONE_DIRECTION
 from friction_estimator.core.quantities import FORCE, VELOCITY, Quantities
 from friction_estimator.core.sample import Floats
 from friction_estimator.core.text import number
@@ -93,6 +93,7 @@ def trust(
         *_ending(result, q, fitted, diverged),
         *_elsewhere(scores, q, metrics.spread(result.samples.friction_N[result.learned])),
         *_theory(result),
+        *_direction(result, q),
         *_covered(result, q),
         *(Finding(CAUTION, one.text, Advice(_sentence(one.advice))) for one in result.shortcomings),
     ]
@@ -224,6 +225,14 @@ def _theory(result: Replay) -> list[Finding]:
     error = number(100 * alone, ".3g")
     reason = f"the theoretical curve is not of this machine (alone it errs by {error} % of the spread)"
     return [Finding(CAUTION, reason, Advice(text))]
+
+
+def _direction(result: Replay, q: Quantities) -> list[Finding]:
+    """Judge whether both directions were learned from."""
+    if not result.one_way:
+        return []
+    text = "Record strokes both ways, or tare the {force} sensor before; use the curve in the direction learned only."
+    return [Finding(CAUTION, q.worded(ONE_DIRECTION), Advice(q.worded(text)))]
 
 
 def _covered(result: Replay, q: Quantities) -> list[Finding]:

@@ -4,7 +4,7 @@
   const MOST_ROWS = 4000; // of a table that are drawn at a time: two to a pixel of a wide screen
   const INKS = ["line_color", "fill_color", "text_color", "hatch_color"];
   const dark = matchMedia("(prefers-color-scheme: dark)");
-  const drawn = new Map(); // name of a chart -> its document
+  const drawn = new Map(); // name of a chart -> its view
   const explorers = [];
 
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
@@ -13,6 +13,7 @@
   const set = (model, name, value) => { if (name in model.properties) model[name] = value; };
 
   function dress(doc) {
+    document.documentElement.dataset.painted = dark.matches ? "dark" : "light";
     const text = colour("text"), quiet = colour("quiet"), rule = colour("rule");
     for (const model of doc._all_models?.values() ?? doc.all_models) {
       for (const tag of model.tags) {
@@ -47,7 +48,7 @@
     // Of its own view: several charts are drawn at a time, and any of them may be the last of `Bokeh.documents`.
     const [view] = await Bokeh.embed.embed_item(item);
     const doc = view.model.document;
-    drawn.set(place.id, doc);
+    drawn.set(place.id, view);
     dress(doc);
     if (place.classList.contains("explorer")) explorers.push(explore(place, doc));
     place.dataset.drawn = "yes";
@@ -280,11 +281,26 @@
     };
     idle(rest);
   }, 0));
-  const again = () => { for (const doc of drawn.values()) if (doc) dress(doc); };
-  dark.addEventListener("change", again);
-  matchMedia("print").addEventListener("change", again);
+  // Paper is light: a browser that prints says so, too, but what is drawn for it now would be on the screen, and late.
+  dark.addEventListener("change", () => {
+    if (!matchMedia("print").matches) for (const view of drawn.values()) if (view) dress(view.model.document);
+  });
   for (const one of document.querySelectorAll("details")) {
     one.addEventListener("toggle", () => one.querySelectorAll(".plot").forEach((place) => { if (one.open) draw(place); }));
   }
-  addEventListener("beforeprint", () => document.querySelectorAll("details").forEach((one) => { one.open = true; }));
+
+  // ---- on paper ----
+
+  // A chart would learn of the sheet's width and colours after it is printed: a picture of it, which takes any width,
+  // stands for it. One that was drawn for a dark page is printed inverted (page.css).
+  addEventListener("beforeprint", () => {
+    document.querySelectorAll("details").forEach((one) => { one.open = true; });
+    for (const [name, view] of drawn) {
+      if (!view) continue;
+      const { canvas } = view.export("png", false);
+      canvas.className = "printed";
+      document.getElementById(name).append(canvas);
+    }
+  });
+  addEventListener("afterprint", () => document.querySelectorAll(".printed").forEach((one) => one.remove()));
 })();
