@@ -19,7 +19,9 @@ from friction_estimator.core.online.replay import Replay, replay
 from friction_estimator.core.quantities import ROTARY, Quantities
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
+from friction_estimator.diagnosis.advice import on_remainder
 from friction_estimator.diagnosis.diagnose import diagnose
+from friction_estimator.diagnosis.remainder import NAMES, Remainder
 from friction_estimator.effects import EFFECTS
 from friction_estimator.report import figures, style
 from friction_estimator.report.page import curves, diagnosis_charts, envelope, learning, look
@@ -365,3 +367,37 @@ def test_a_page_of_many_causes_stays_small(tmp_path):
         page = diagnosis_page(replace(found, effects=found.effects * times), ["a"], Q, {}, [], [])
         write_page(tmp_path / "report.html", page)
         assert (tmp_path / "report.html").stat().st_size < 5_000_000
+
+
+@pytest.fixture(scope="module")
+def nameless():
+    """What depends on the position, and a catalogue that knows a mass only; a sweeping pump repeats nowhere."""
+    samples = record(6000)
+    position = np.cumsum(samples.velocity_m_s) / 500.0
+    time = samples.stamp_ns * 1e-9
+    hidden = 2e3 * np.square(position - position.mean()) + 0.2 * np.sin(2.0 * np.pi * (9.0 + 0.3 * time) * time)
+    samples = replace(samples, friction_N=samples.friction_N + hidden, position_m=position)
+    return diagnose([samples], Config(), catalogue={"inertia": EFFECTS["inertia"]})
+
+
+def test_an_unexplained_diagnosis_says_what_to_do(nameless, tmp_path):
+    assert nameless.verdict == "unexplained"
+    told = diagnosis_page(nameless, ["a"], Q, {}, [], [])
+    said = [one.text for one in told.advice]
+    assert any(text.startswith("It follows the ") for text in said)
+    assert any("Record pressure and temperature, too" in text for text in said)
+    assert sum("no named cause explains" in text for text in said) == 0  # a finding is no advice
+    (left,) = [card for section in told.sections if section.title == "What is left" for card in section.cards]
+    assert left.facts[0][0] == "Where to look"
+    # Little of what does not repeat is noise.
+    (white,) = [value for name, value, _ in told.facts if name == "white noise"]
+    assert float(white.split()[0]) == pytest.approx(0.02, rel=0.1)
+    assert any("follows nothing that was recorded" in text for text in said)
+
+
+@pytest.mark.parametrize("kind", ["mean", "variance"])
+def test_every_remainder_has_a_place_to_look(kind):
+    for variable in NAMES:
+        text = on_remainder(Remainder(variable, 0.5, kind, "words"))
+        assert len(Q.worded(text)) > 40
+        assert "{" not in Q.worded(text)

@@ -48,7 +48,6 @@ def on_unexplained(result: Diagnosis) -> list[str]:
     asked = {channel for _, channel in result.needs_channel}
     missing = [name for name in TELLING if name not in result.excitation.channels and name not in asked]
     if missing:
-        out.append(
-            f"record {' and '.join(missing)}, too: a cause that follows one of them is named only where it is recorded"
-        )
+        what = "it is named only where it is" if len(missing) == 1 else "one of them is named only where that is"
+        out.append(f"record {' and '.join(missing)}, too: a cause that follows {what} recorded")
     return [*out, "record the same drive a second time: what comes back is the machine, what does not is a disturbance"]

@@ -82,12 +82,12 @@ def light(result: Diagnosis) -> Light:
 def advice(result: Diagnosis, spread: float, q: Quantities) -> list[Advice]:
     """Return what to do next."""
     out = [f"next experiment, for {found.experiment}" for found in result.effects if found.experiment]
+    left = on_unexplained(result)
+    out += left if result.verdict == UNEXPLAINED else [f"what no name holds for: {text}" for text in left]
     out += [
         f"record {channel}: {EFFECTS[name].words.what} may be the cause, and only that tells"
         for name, channel in result.needs_channel
     ]
-    left = on_unexplained(result)
-    out += left if result.verdict == UNEXPLAINED else [f"what no name holds for: {text}" for text in left]
     if result.verdict != EFFECTS_FOUND:
         said = result.remainder.words if result.remainder is not None else ""
         out += [text for text in result.excitation.warnings if text != said]

@@ -175,7 +175,10 @@ def mark(target: Plot, x: float, word: str = "") -> None:
     """Draw a dashed line across a chart at a place, and what it is."""
     target.add_layout(ink(Span(location=x, dimension="height", line_dash="dashed"), "unsupported"))
     if word:
-        named = Label(x=x, y=4, y_units="screen", x_offset=4, text=word, text_font_size="11px", text_color=INKS["text"])
+        # Neighbours stand above each other: a recording may begin where learning stops.
+        row = len(target.select({"type": Label})) % 3
+        named = Label(x=x, y=4 + 13 * row, y_units="screen", x_offset=4, text=word, text_font_size="11px")
+        named.text_color = INKS["text"]
         target.add_layout(ink(named, "text"))
 
 
