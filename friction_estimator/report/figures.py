@@ -167,7 +167,8 @@ def learning_stops(replay: Replay) -> float | None:
         return None
     last = int(np.flatnonzero(replay.learned)[-1]) + 1
     cycles = metrics.cycles_or_tenths(replay.samples.velocity_m_s, replay.starts)
-    return 0.5 + sum(min(1.0, max(0.0, (last - one.start) / (one.stop - one.start))) for one in cycles)
+    done = [min(1.0, max(0.0, (last - one.start) / (one.stop - one.start))) for one in cycles]
+    return 0.5 + float(sum(done))
 
 
 def friction_map(replay: Replay, quantities: Quantities) -> Figure:

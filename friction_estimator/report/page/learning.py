@@ -55,8 +55,8 @@ def _errors(result: Replay, q: Quantities) -> UIElement:
     if errors.size <= 200:
         points = target.scatter(number, errors, size=5, color=look.INKS["predicted"])
         look.ink(points.glyph, "predicted")
-    for number, begin in enumerate(figures.cycles_before(result), start=2):
-        look.mark(target, begin + 0.5, f"recording {number}")
+    for recording, begin in enumerate(figures.cycles_before(result), start=2):
+        look.mark(target, begin + 0.5, f"recording {recording}")
     stop = figures.learning_stops(result)
     if stop is not None:
         look.mark(target, stop, "learning stops")

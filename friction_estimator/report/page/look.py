@@ -167,7 +167,8 @@ def parted(gaps: Ints, x: Floats, lines: Sequence[Floats], low: Floats, high: Fl
     """
     ends, places = np.column_stack([gaps - 1, gaps]).ravel(), np.repeat(gaps, 2)
     middle = (0.5 * (low + high))[ends]
-    filled = [(x, x[ends]), *((one, np.nan) for one in lines), (low, middle), (high, middle)]
+    nothing = np.full(ends.size, np.nan)
+    filled = [(x, x[ends]), *((one, nothing) for one in lines), (low, middle), (high, middle)]
     return [np.insert(values, places, inside) for values, inside in filled]
 
 
