@@ -96,6 +96,12 @@ class Run:
     def played(self):
         return [stamp for kind, stamp in self.events if kind == "message"]
 
+    def await_begun(self):
+        deadline = time.monotonic() + 30.0
+        while not self.control.begun:
+            assert time.monotonic() < deadline
+            time.sleep(0.002)
+
     def await_played(self, count):
         deadline = time.monotonic() + 30.0
         while len(self.played()) < count:
@@ -144,6 +150,18 @@ def test_a_jump_in_a_pause_stays_paused_there():
         run.control.resume()
         run.thread.join(30.0)
         assert not run.thread.is_alive()
+
+
+def test_what_is_asked_in_vain_is_not_done_later():
+    """A step that is asked for before the playback begins, and a jump after its end."""
+    run = Run(step_s=0.5)
+    run.control.pause()
+    assert not run.control.play_next()
+    with run:
+        run.await_begun()
+        assert run.control.play_next()
+        assert run.played() == [0]
+    assert not run.control.seek(0)
 
 
 def test_steps_go_round_in_a_loop():

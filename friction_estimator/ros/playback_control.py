@@ -14,7 +14,6 @@ NAP_S = 0.1
 STEP_S = 5.0
 """Longest wait of whoever asks for the next message; reading it may take that long on a damaged or distant disk."""
 
-
 FASTEST = 1e6
 """Highest rate, as fast as messages can be read and sent."""
 
@@ -43,6 +42,7 @@ class PlaybackControl:
     loop : whether the start follows the end.
     tick_hz : how often the time is told, 0 for never.
     tell_time : takes the time in the recording, ns.
+    step_s : longest wait of whoever asks for the next message.
 
     Attributes
     ----------
@@ -58,9 +58,10 @@ class PlaybackControl:
         loop: bool = False,
         tick_hz: float = 0.0,
         tell_time: Callable[[int], None] = lambda _: None,
+        step_s: float = STEP_S,
     ) -> None:
         self._clock, self._start_ns, self._end_ns, self._loop = clock, start_ns, end_ns, loop
-        self._tick_hz, self._tell_time = tick_hz, tell_time
+        self._tick_hz, self._tell_time, self._step_s = tick_hz, tell_time, step_s
         self._next_tick_ns, self._tell_again_s = start_ns, 0.0
         self.from_ns = start_ns
         self._changed = threading.Condition()
@@ -136,8 +137,11 @@ class PlaybackControl:
         return True
 
     def seek(self, to_ns: int) -> bool:
-        """Go on with the messages from this time, from the start where it is before that; False beyond the end."""
-        if to_ns >= self._end_ns:
+        """Go on with the messages from this time, from the start where it is before that; False beyond the end.
+
+        False, too, where the playback has ended.
+        """
+        if to_ns >= self._end_ns or self._stopping:
             return False
         with self._changed:
             self._seek_ns = max(to_ns, self._start_ns)
@@ -152,8 +156,11 @@ class PlaybackControl:
             self._asked += 1
             ticket = self._asked
             self._changed.notify_all()
-            self._changed.wait_for(lambda: self._stepped >= ticket or self._refuses_steps, STEP_S)
-            return self._stepped >= ticket
+            self._changed.wait_for(lambda: self._stepped >= ticket or self._refuses_steps, self._step_s)
+            done = self._stepped >= ticket
+            if not done:  # withdrawn: what was refused shall not be played later
+                self._asked = max(self._stepped, self._asked - 1)
+            return done
 
     @property
     def _refuses_steps(self) -> bool:

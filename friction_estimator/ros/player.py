@@ -5,6 +5,7 @@ knows of is matched, the last one until all subscribers have acknowledged everyt
 rosbag2's player (`player_services`).
 """
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,13 +14,14 @@ from types import TracebackType
 
 import rclpy
 from rclpy.duration import Duration
+from rclpy.exceptions import InvalidTopicNameException
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 
 from friction_estimator.bag.source import Source, Topic
-from friction_estimator.core.errors import InputError, UnanswerableError
+from friction_estimator.core.errors import InputError, UnanswerableError, sentence
 from friction_estimator.core.sample import NS_PER_S
 from friction_estimator.ros.playback_clock import PlaybackClock
 from friction_estimator.ros.playback_control import FASTEST, PlaybackControl, Turn
@@ -63,11 +65,17 @@ class Playback:
 
     def __post_init__(self) -> None:
         if not 0.0 < self.rate <= FASTEST:
-            raise InputError(f"--rate {self.rate:g}: give a speed above 0")
-        if self.start_offset_s < 0.0 or (self.duration_s is not None and self.duration_s <= 0.0):
-            raise InputError("--start-offset must not be negative, and --duration must be above 0")
-        if not 0.0 <= self.clock_hz <= 1e4 or self.wait_s < 0.0:
-            raise InputError("--clock takes 0 to 10000 Hz, and --wait no negative time")
+            raise InputError(f"--rate {self.rate:g}: give a speed above 0, at most {FASTEST:g}")
+        if not 0.0 <= self.start_offset_s < math.inf:
+            raise InputError(f"--start-offset {self.start_offset_s:g}: give seconds, 0 or more")
+        if self.duration_s is not None and not 0.0 < self.duration_s < math.inf:
+            raise InputError(
+                f"--duration {self.duration_s:g}: give seconds above 0, or leave it away to play to the end"
+            )
+        if not 0.0 <= self.clock_hz <= 1e4:
+            raise InputError(f"--clock {self.clock_hz:g}: give 0 to 10000 Hz")
+        if not self.wait_s >= 0.0:
+            raise InputError(f"--wait {self.wait_s:g}: give seconds, 0 or more")
 
 
 class Player:
@@ -99,13 +107,12 @@ class Player:
             )
         self._source, self._playback, self._say = source, playback, say
         first, last = source.span_ns
+        length_s = (last - first) / NS_PER_S
+        if playback.start_offset_s >= length_s:
+            raise InputError(f"--start-offset {playback.start_offset_s:g}: {source.path} ends after {length_s:.3f} s")
         self._start_ns = first + round(playback.start_offset_s * NS_PER_S)
-        if self._start_ns >= last:
-            raise InputError(
-                f"--start-offset {playback.start_offset_s:g}: {source.path} ends after {(last - first) / 1e9:.3f} s"
-            )
         self._end_ns = last
-        if playback.duration_s is not None:
+        if playback.duration_s is not None and playback.duration_s < length_s:
             self._end_ns = min(last, self._start_ns + round(playback.duration_s * NS_PER_S))
         kinds = self._kinds()
         self._context = rclpy.Context()
@@ -114,9 +121,14 @@ class Player:
         )
         self._node = rclpy.create_node(NODE_NAME, context=self._context)
         qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
-        self._publishers: dict[str, Publisher] = {
-            name: self._node.create_publisher(kind, playback.remap.get(name, name), qos) for name, kind in kinds.items()
-        }
+        try:
+            self._publishers: dict[str, Publisher] = {
+                name: self._node.create_publisher(kind, playback.remap.get(name, name), qos)
+                for name, kind in kinds.items()
+            }
+        except InvalidTopicNameException as error:
+            self._context.try_shutdown()
+            raise InputError(f"--remap: {sentence(error)}") from error
         self._clock = self._node.create_publisher(Clock, "/clock", qos) if playback.clock_hz else None
         self.control = PlaybackControl(
             PlaybackClock(self._start_ns, playback.rate),
@@ -152,6 +164,14 @@ class Player:
                 self._say(f"passed over: {topic}: its message type is not installed")
         if not kinds:
             raise UnanswerableError(f"{self._source.path} holds no topic of a message type that is installed here")
+        played: dict[str, str] = {}
+        for name, kind in kinds.items():
+            other = played.setdefault(self._playback.remap.get(name, name), name)
+            if kinds[other] is not kind:
+                raise InputError(
+                    f"--remap {name}:={self._playback.remap.get(name, name)}: {other} is played there, and is of "
+                    "another message type"
+                )
         return kinds
 
     def _chosen(self) -> list[Topic]:
@@ -190,6 +210,7 @@ class Player:
                 self.control.rewind()
                 turn = Turn.MOVED
             position_ns = self.control.from_ns
+        self.control.stop()  # what is asked from here on is refused
         self._await_acknowledgement(count)
         return count
 
