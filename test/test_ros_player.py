@@ -116,7 +116,7 @@ def test_services_pause_and_step(graph):
     await_(lambda: len(velocity) > 20, "motion")
     refused = ask("play_next")
     assert not refused.success
-    assert "no next message" in refused.message
+    assert "single steps are for pauses" in refused.message
     assert ask("toggle_paused").message == "paused"
     count = len(velocity)
     assert ask("play_next").success

@@ -25,6 +25,9 @@ REDRAW_S = 0.1
 FASTER = 1.1
 """A key changes the rate by this factor."""
 
+ROOM = 50
+"""Columns for the bar and its numbers; a terminal that has no more beside the names of the keys is not told them."""
+
 KEYS = "space pause, n or right next message, + - rate"
 
 
@@ -150,13 +153,10 @@ class Screen:
         control = player.control
         state = "paused" if control.paused else "playing"
         place = f"{position_s:.{3 if control.paused else 1}f} of {end_s:.1f} s"
-        line = tqdm.format_meter(
-            position_s,
-            end_s,
-            0.0,
-            ncols=shutil.get_terminal_size().columns - 1,
-            bar_format=f"{state} {control.rate:.3g}x {{bar}} {place}" + (f"  [{KEYS}]" if with_keys else ""),
-        )
+        room = shutil.get_terminal_size().columns - 1
+        told = f"  [{KEYS}]" if with_keys and room >= len(KEYS) + ROOM else ""
+        bar = f"{state} {control.rate:.3g}x {{bar}} {place}{told}"
+        line = tqdm.format_meter(position_s, end_s, 0.0, ncols=room, bar_format=bar)
         with self._lock:
             if line != self._drawn:
                 draw(line)

@@ -80,11 +80,15 @@ class PlayerServices:
             def respond(_: Any, response: Any, act: Act = act) -> Any:
                 response.success = act(self._control) is not False
                 state = "paused" if self._control.paused else f"playing at {self._control.rate:g}x"
-                response.message = state if response.success else f"{state}: there is no next message to step to"
+                response.message = state if response.success else f"{state}: {_why_no_step(self._control)}"
                 return response
 
             self._node.create_service(Trigger, f"~/{name}", respond)
         return list(TRIGGERS)
+
+
+def _why_no_step(control: PlaybackControl) -> str:
+    return "there is no next message to step to" if control.paused else "single steps are for pauses"
 
 
 Act = Callable[[PlaybackControl], bool | None]
