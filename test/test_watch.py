@@ -25,6 +25,7 @@ from ros_graph import Feeder, await_, force, motion
 from terminal import Terminal
 
 from friction_estimator.report.live.page import interrupted
+from friction_estimator.report.live.seen import Seen
 
 pytestmark = pytest.mark.ros
 NODE = "/friction_estimator"
@@ -201,6 +202,30 @@ def test_the_screen_of_text(graph):
         assert terminal.mode() == terminal.untouched
         assert "\x1b[?1049l" in terminal.screen()  # back from a screen of its own
     assert rig.node.stop() == 0
+
+
+@pytest.mark.parametrize(("columns", "rows"), [(120, 40), (60, 20), (36, 18), (24, 12)])
+def test_the_screen_of_text_fits_into_its_terminal(columns, rows):
+    console = pytest.importorskip("rich.console").Console(width=columns)
+    from friction_estimator.report.live.screen import picture
+
+    time_s = 1.7e9 + np.arange(0.0, 30.0, 0.01)
+    velocity = 0.0989512 * np.sin(time_s)
+    measured = 3.0 * np.tanh(velocity / 0.005)
+    seen = Seen(
+        rows=np.column_stack([time_s, velocity, measured, measured, np.full(time_s.size, 0.1)]),
+        silent_s=0.1,
+        curve=np.column_stack([np.linspace(-0.1, 0.1, 50)] * 4),
+        status="learning; the velocity range grew twice",
+        values={"samples per second": "200.0", "running error rms (N)": "0.0412"},
+        publishers=1,
+    )
+    lines = console.render_lines(picture(seen, "/left/friction_estimator/elbow/monitor", columns, rows))
+    text = ["".join(part.text for part in line) for line in lines]
+    assert len(text) <= rows
+    assert max(map(len, text)) <= columns
+    assert any(line.rstrip().endswith(f"{velocity[-1]:.4g} m/s") for line in text)  # numbers are whole
+    assert any("[N]" in line and " to " in line for line in text)  # and the range of what is drawn is told
 
 
 def test_a_rotary_drive_has_its_units_and_a_pipe_no_screen(graph):

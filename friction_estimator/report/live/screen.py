@@ -24,6 +24,14 @@ WINDOW_S = 10.0
 
 MEASURED, PREDICTED, CURVE = Style(color="bright_black"), Style(color="yellow"), Style(color="cyan")
 
+ROOMY = 60
+"""Columns below which names and numbers stand close."""
+
+LEAST_FACTS = 3
+
+LEAST_PANEL = 5
+"""Rows of the smallest panel, its frame among them."""
+
 LEVELS = ("green", "yellow", "red", "red")
 
 DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
@@ -106,11 +114,18 @@ def picture(seen: Seen, topic: str, columns: int, rows: int) -> RenderableType:
     q = seen.quantities
     level = 1 if seen.silence else min(seen.level, len(LEVELS) - 1)
     status = Text(shown(seen.silence or seen.status or "waiting for the node's first diagnostics"), LEVELS[level])
-    facts = Table.grid(padding=(0, 3))
-    for name, value in _facts(seen):
+    room = rows - 1 - math.ceil(len(status) / columns)
+    told = _facts(seen)[: max(LEAST_FACTS, room - LEAST_PANEL)]
+    between = 3 if columns >= ROOMY else 1
+    facts = Table.grid(padding=(0, between))
+    # Where there is no room for both, names are cut rather than numbers.
+    facts.add_column(no_wrap=True, max_width=columns - between - max((len(value) for _, value in told), default=0))
+    for name, value in told:
         facts.add_row(name, Text(value, "bold"))
-    wide = max(20, columns - 4)
-    high = max(3, (rows - 6 - facts.row_count) // 2 - 2)
+    wide = max(10, columns - 4)
+    room -= facts.row_count
+    both = room >= 2 * LEAST_PANEL
+    high = max(LEAST_PANEL, room // (1 + both)) - 2
     parts: list[RenderableType] = [status, facts]
     if len(seen.rows):
         time_s, _, measured, predicted, _ = seen.rows.T
@@ -119,9 +134,14 @@ def picture(seen: Seen, topic: str, columns: int, rows: int) -> RenderableType:
         canvas = Canvas(wide, high, (begin, time_s[-1]), _span(measured[recent], predicted[recent]))
         canvas.draw(time_s[recent], measured[recent], MEASURED)
         canvas.draw(time_s[recent], predicted[recent], PREDICTED)
-        title = f"friction, the last {WINDOW_S:.0f} s: measured (grey), predicted (yellow) [{q.unit(FORCE)}]"
-        parts.append(Panel(canvas, title=_ranged(title, _span(measured[recent], predicted[recent]))))
-    if seen.curve is not None:
+        unit = q.unit(FORCE)
+        titles = (
+            f"friction, the last {WINDOW_S:.0f} s: measured (grey), predicted (yellow) [{unit}]",
+            f"measured, predicted [{unit}]",
+            f"[{unit}]",
+        )
+        parts.append(Panel(canvas, title=_ranged(titles, _span(measured[recent], predicted[recent]), columns)))
+    if seen.curve is not None and (both or not len(seen.rows)):
         velocity, friction, low, top = seen.curve.T
         reach = (float(velocity[0]), float(velocity[-1]))
         span = _span(low, top)
@@ -129,9 +149,15 @@ def picture(seen: Seen, topic: str, columns: int, rows: int) -> RenderableType:
         canvas.draw(velocity, low, MEASURED, dots=True)
         canvas.draw(velocity, top, MEASURED, dots=True)
         canvas.draw(velocity, friction, CURVE)
-        title = f"learned curve and 95 % band [{q.unit(FORCE)}], {q.range_text(reach, VELOCITY)}"
-        parts.append(Panel(canvas, title=_ranged(title, span)))
-    return Group(Text(f"{shown(topic)}   (Ctrl-C ends)", "dim"), *parts)
+        unit = q.unit(FORCE)
+        titles = (
+            f"learned curve and 95 % band [{unit}], {q.range_text(reach, VELOCITY)}",
+            f"curve and band [{unit}]",
+            f"curve [{unit}]",
+        )
+        parts.append(Panel(canvas, title=_ranged(titles, span, columns)))
+    head = Text(f"{shown(topic)}   (Ctrl-C ends)", "dim", no_wrap=True, overflow="ellipsis")
+    return Group(head, *parts)
 
 
 def _facts(seen: Seen) -> list[tuple[str, str]]:
@@ -140,7 +166,8 @@ def _facts(seen: Seen) -> list[tuple[str, str]]:
         _, velocity, measured, predicted, stddev = seen.rows[-1]
         facts.append(("velocity", q.text(velocity, VELOCITY)))
         facts.append(("measured", q.text(measured, FORCE)))
-        facts.append(("predicted", f"{q.text(predicted, FORCE)}, standard deviation {q.text(stddev, FORCE)}"))
+        facts.append(("predicted", q.text(predicted, FORCE)))
+        facts.append(("standard deviation", q.text(stddev, FORCE)))
     wanted = ("samples per second", "running error rms", "arrival to prediction p99")
     facts += [(shown(key), shown(value)) for key, value in seen.values.items() if key.startswith(wanted)]
     return facts
@@ -157,5 +184,7 @@ def _span(*values: Floats) -> tuple[float, float]:
     return (low - margin, high + margin)
 
 
-def _ranged(title: str, span: Sequence[float]) -> str:
-    return f"{title}  {span[0]:.3g} to {span[1]:.3g}"
+def _ranged(titles: Sequence[str], span: Sequence[float], columns: int) -> Text:
+    """Return the longest of some titles that has room on the screen, with the range that is shown."""
+    told = [f"{title}  {span[0]:.3g} to {span[1]:.3g}" for title in titles]
+    return Text(next((text for text in told if len(text) <= columns - 6), told[-1]))
