@@ -1,7 +1,7 @@
 """List pages of figures that are older than the rooms they measure: `make stale`.
 
-A page names the commit it was measured at in its first lines ("Commit 1a2b3c4, `command`."). It is stale where a file
-of its rooms changed in a later commit. Pages without a commit are listed as such.
+A page names the commit it was measured at in its first lines ("Commit 1a2b3c4, `command`."), or each of its sections
+does. It is stale where a file of its rooms changed in a later commit. What names no commit is listed as such.
 """
 
 import re
@@ -33,35 +33,50 @@ ROOMS = {
 
 HEAD_LINES = 8
 
+COMMIT = re.compile(r"[Cc]ommit `?([0-9a-f]{7,40})")
+
 
 def git(*arguments: str) -> str:
     return subprocess.run(["git", *arguments], capture_output=True, text=True, check=True, cwd=ROOT).stdout
 
 
-def verdict(page: str, rooms: list[str]) -> str | None:
-    """Return why a page is stale, or None."""
-    path = ROOT / page
-    if not path.exists():
-        return "is missing"
-    head = "\n".join(path.read_text(encoding="utf-8").splitlines()[:HEAD_LINES])
-    named = re.search(r"[Cc]ommit `?([0-9a-f]{7,40})", head)
-    if named is None:
+def measurements(text: str) -> list[tuple[str, str | None]]:
+    """Return what a page was measured at: (section, commit); one for the whole page where its head names a commit."""
+    parts = re.split(r"^## (.*)\n", text, flags=re.MULTILINE)
+    sections = list(zip(parts[1::2], parts[2::2], strict=True))
+    head = commit_of(text)
+    if head is not None or not any(commit_of(body) for _, body in sections):
+        return [("", head)]
+    return [(title, commit_of(body)) for title, body in sections]
+
+
+def commit_of(text: str) -> str | None:
+    named = COMMIT.search("\n".join(text.splitlines()[:HEAD_LINES]))
+    return named[1] if named else None
+
+
+def verdict(commit: str | None, rooms: list[str]) -> str | None:
+    """Return why figures that were measured at a commit are stale, or None."""
+    if commit is None:
         return "names no commit"
     try:
-        changed = git("diff", "--name-only", named[1], "HEAD", "--", *rooms).split()
+        changed = git("diff", "--name-only", commit, "HEAD", "--", *rooms).split()
     except subprocess.CalledProcessError:
-        return f"was measured at {named[1]}, which is not in this repository"
+        return f"was measured at {commit}, which is not in this repository"
     changed = [name for name in changed if not name.endswith(".md")]
-    return (
-        f"was measured at {named[1]}; since then {len(changed)} files changed, {changed[0]} first" if changed else None
-    )
+    return f"was measured at {commit}; since then {len(changed)} files changed, {changed[0]} first" if changed else None
 
 
 def main() -> int:
     for page, rooms in ROOMS.items():
-        reason = verdict(page, rooms)
-        if reason:
-            print(f"{page} {reason}")
+        path = ROOT / page
+        if not path.exists():
+            print(f"{page} is missing")
+            continue
+        for section, commit in measurements(path.read_text(encoding="utf-8")):
+            reason = verdict(commit, rooms)
+            if reason:
+                print(f"{page}{f', {section},' if section else ''} {reason}")
     return 0
 
 

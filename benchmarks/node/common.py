@@ -29,7 +29,10 @@ def write_section(title: str, text: str) -> None:
             parts[name] = body.strip()
     command = " ".join(["python", f"benchmarks/node/{Path(sys.argv[0]).name}", *sys.argv[1:]])
     parts[title] = f"{provenance.line(command)}\n{text.strip()}"
-    head = "# What the node was measured to do\n\nWritten by the scripts here; docs/node.md says how to read it.\n"
+    head = (
+        "# What the node was measured to do\n\nWritten by the scripts here; docs/node.md says how to read it. Each "
+        "section names the commit and the command that it comes from; one that names none is older than this rule.\n"
+    )
     ordered = [name for name in SECTIONS if name in parts]
     TABLE.write_text(head + "".join(f"\n## {name}\n\n{parts[name]}\n" for name in ordered))
     print(f"## {title}\n\n{text.strip()}\n", flush=True)
