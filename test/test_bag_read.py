@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from friction_estimator.bag import mcap
+from friction_estimator.bag.merge import recorded_order
 from friction_estimator.bag.messages import EXTRACTORS, Rows
-from friction_estimator.bag.read import read_recording, recorded_order
+from friction_estimator.bag.read import read_recording
 from friction_estimator.bag.samples import to_samples
 from friction_estimator.bag.serialise import sample_template, typestore
 from friction_estimator.bag.source import Source, Topic
@@ -126,9 +127,11 @@ def compressing(path, plugin, mode):
 def batches(source, way, topics):
     """Return (log time, payload) by topic, from one of a source's two ways through a file."""
     found = {name: [] for name in topics}
-    for part in getattr(source, way)(topics) if way == "_indexed" else [getattr(source, way)(topics)]:
-        for name, times, messages in part:
-            found[name] += zip(times.tolist(), (bytes(m) for m in messages), strict=True)
+    ahead = -(2**63)
+    for (name, times, messages), behind_ns in getattr(source, way)(topics):
+        assert (times >= ahead).all()  # what was promised with the batches before
+        ahead = max(ahead, behind_ns)
+        found[name] += zip(times.tolist(), (bytes(m) for m in messages), strict=True)
     return {name: sorted(items, key=lambda item: item[0]) for name, items in found.items()}
 
 
@@ -159,7 +162,7 @@ def test_an_mcap_file_without_index_is_left_to_rosbags(tmp_path):
     footer = len(whole) - 37
     whole[footer + 9 : footer + 17] = bytes(8)  # no summary
     (tmp_path / "run.mcap").write_bytes(whole)
-    assert mcap.batches(tmp_path / "run.mcap", ["/velocity"]) is None
+    assert mcap.indexed(tmp_path / "run.mcap", ["/velocity"]) is None
     assert_reads(tmp_path / "run.mcap", truth)
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from friction_estimator.bag.read import Stream
+from friction_estimator.bag.recording import Stream
 from friction_estimator.bag.statistics import describe, moving_speeds
 from friction_estimator.bag.write import TOPICS, write_samples, writing
 from friction_estimator.cli.main import main

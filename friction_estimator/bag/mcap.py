@@ -2,7 +2,7 @@
 
 Each chunk is followed by the places of its messages, so the payloads of a topic are gathered with one indexing
 operation a chunk instead of one step a message. One chunk is in memory at a time; packed ones have a budget. Files
-without such an index are left to rosbags: `batches` then returns None. Format: https://mcap.dev/spec.
+without such an index are left to rosbags: `indexed` then returns None. Format: https://mcap.dev/spec.
 """
 
 import os
@@ -11,6 +11,7 @@ import zlib
 from collections import Counter
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
 from typing import BinaryIO
 
@@ -23,6 +24,12 @@ from friction_estimator.core.sample import Ints
 
 Batch = tuple[str, Ints, Rows | list[bytes]]
 """Topic, time of recording (ns, one a message), payloads: rows of equal length, or bytes of any lengths."""
+
+Timed = tuple[Batch, int]
+"""A batch, and a time of recording (ns) before which nothing comes in the batches behind it, as the file says."""
+
+NOTHING_BEHIND = 2**63 - 1
+"""The time that goes with the last batch."""
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -55,6 +62,7 @@ class _Chunk:
     index_length: int
     indices: dict[int, int]
     compression: str
+    first_ns: int
 
 
 @dataclass(frozen=True)
@@ -63,7 +71,15 @@ class _Summary:
     chunks: list[_Chunk]
 
 
-def batches(path: Path, topics: Collection[str]) -> Iterator[Batch] | None:
+@dataclass(frozen=True)
+class Indexed:
+    """The messages of a file by its index: the first time of recording that it declares, ns, and the batches."""
+
+    first_ns: int
+    batches: Iterator[Timed]
+
+
+def indexed(path: Path, topics: Collection[str]) -> Indexed | None:
     """Return the messages of some topics chunk by chunk, in the order of the file; None where no index leads to them.
 
     Raises
@@ -75,7 +91,13 @@ def batches(path: Path, topics: Collection[str]) -> Iterator[Batch] | None:
     if summary is None:
         return None
     wanted = {channel: topic for channel, topic in summary.topics.items() if topic in topics}
-    return _read_chunks(path, summary.chunks, wanted)
+    chunks = [
+        chunk
+        for chunk in sorted(summary.chunks, key=lambda item: item.start)
+        if not wanted.keys().isdisjoint(chunk.indices)
+    ]
+    first_ns = min((chunk.first_ns for chunk in chunks), default=NOTHING_BEHIND)
+    return Indexed(first_ns, _read_chunks(path, chunks, wanted))
 
 
 def _read_summary(file: BinaryIO) -> _Summary | None:
@@ -126,12 +148,12 @@ def _channel(body: bytes) -> tuple[int, str, str]:
 
 def _chunk(body: bytes) -> _Chunk:
     """Read a ChunkIndex record."""
-    _, _, start, length = _CHUNK_PLACE.unpack_from(body)
+    first_ns, _, start, length = _CHUNK_PLACE.unpack_from(body)
     (size,) = struct.unpack_from("<I", body, 32)
     indices = dict(struct.iter_unpack("<HQ", body[36 : 36 + size]))
     (index_length,) = struct.unpack_from("<Q", body, 36 + size)
     compression, _ = _string(body, 44 + size)
-    return _Chunk(start, length, index_length, indices, compression)
+    return _Chunk(start, length, index_length, indices, compression, min(first_ns, NOTHING_BEHIND))
 
 
 def _string(body: bytes, at: int) -> tuple[str, int]:
@@ -146,22 +168,23 @@ def _index_places(chunk: _Chunk) -> dict[int, tuple[int, int]]:
     return {channel: (place, end) for (channel, place), end in zip(ordered, places[1:], strict=True)}
 
 
-def _read_chunks(path: Path, chunks: list[_Chunk], wanted: dict[int, str]) -> Iterator[Batch]:
+def _read_chunks(path: Path, chunks: list[_Chunk], wanted: dict[int, str]) -> Iterator[Timed]:
+    """Yield the batches of chunks that are in the order of the file."""
+    behind = [*accumulate((chunk.first_ns for chunk in reversed(chunks)), min, initial=NOTHING_BEHIND)][::-1]
     with path.open("rb") as file:
         size = os.fstat(file.fileno()).st_size
-        for chunk in sorted(chunks, key=lambda item: item.start):
-            if wanted.keys().isdisjoint(chunk.indices):
-                continue
+        for number, chunk in enumerate(chunks):
             if chunk.length + chunk.index_length > size or chunk.start > size:
                 raise DamagedError(f"the chunk at byte {chunk.start} is damaged (the file ends in it)")
             file.seek(chunk.start)
             block = file.read(chunk.length + chunk.index_length)
             try:
                 records = _records(block, chunk)
-                for channel, (place, end) in _index_places(chunk).items():
-                    if channel in wanted:
-                        index = block[place - chunk.start : end - chunk.start]
-                        yield (wanted[channel], *_messages(records, index, channel))
+                places = {channel: at for channel, at in _index_places(chunk).items() if channel in wanted}
+                for left, (channel, (place, end)) in zip(range(len(places) - 1, -1, -1), places.items(), strict=True):
+                    index = block[place - chunk.start : end - chunk.start]
+                    batch = (wanted[channel], *_messages(records, index, channel))
+                    yield batch, behind[number if left else number + 1]
             except TooLargeError as error:
                 raise DamagedError(f"the chunk at byte {chunk.start} is too large ({error})") from error
             except Exception as error:  # decompressors raise many kinds

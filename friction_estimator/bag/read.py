@@ -1,14 +1,14 @@
-"""From a recording to the streams of its inputs, in SI units and in recorded order."""
+"""From a recording to the streams of its inputs, in SI units and in recorded order: whole, or piece by piece."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path, PurePath
 
 import numpy as np
-from numpy.typing import NDArray
 
 from friction_estimator.bag.joint_arrays import CHOOSE_JOINT, holds_a_joint
+from friction_estimator.bag.merge import Events, Merge, Part, joined, recorded_order
 from friction_estimator.bag.messages import (
     EXTRACTORS,
     INPUTS,
@@ -19,109 +19,20 @@ from friction_estimator.bag.messages import (
     Want,
 )
 from friction_estimator.bag.motion import recorded_motion
-from friction_estimator.bag.source import Source, Topic
-from friction_estimator.bag.topics import JOINT_STATE, JOINT_STATES, REQUIRED, Probe, assign
+from friction_estimator.bag.recording import Heard, Outline, Recording, Stream
+from friction_estimator.bag.source import ANYTHING_BEHIND, Source, Topic
+from friction_estimator.bag.topics import JOINT_STATE, JOINT_STATES, REQUIRED, Assignment, Probe, assign
 from friction_estimator.core.errors import FrictionEstimatorError, InputError, UnanswerableError
-from friction_estimator.core.intake.pairing import LARGEST_VALUE, STREAMS
-from friction_estimator.core.quantities import LINEAR, ROTARY
-from friction_estimator.core.sample import Floats, Ints
+from friction_estimator.core.intake.pairing import LARGEST_VALUE
+from friction_estimator.core.quantities import ROTARY
+from friction_estimator.core.sample import Ints
 from friction_estimator.core.settings.groups import InputConfig
-
-_TIE_ORDER = ("pressure", "temperature", "position", "velocity", "friction")
-"""Order of messages recorded at the same time: what a sample needs comes before what completes it."""
 
 _MOTION = {"auto": ("velocity", "position"), "topic": ("velocity",), "position": ("position",)}
 """What serves as velocity, the better one first, by `input.velocity_from`."""
 
 Progress = Callable[[int, int], None]
 """Takes the messages just read, and how many there are to read in all."""
-
-
-@dataclass(frozen=True)
-class Stream:
-    """One input of a recording, in the order of recording.
-
-    Attributes
-    ----------
-    topic, message_type : where it comes from; the type as ROS writes it (geometry_msgs/msg/TwistStamped).
-    stamp_ns : (n,) int64, header stamp; the time of recording where the type has none (`stamped` is False).
-    log_time_ns : (n,) int64, time of recording.
-    value : (n,) float64, m/s, N, absolute Pa, degC or m; rad/s, N m and rad of a rotary drive.
-    frame_id, joint : of the first message; of the value where it is a joint's.
-    missing : messages that do not hold the joint's value.
-    """
-
-    topic: str
-    message_type: str
-    stamp_ns: Ints
-    log_time_ns: Ints
-    value: Floats
-    frame_id: str = ""
-    joint: str = ""
-    missing: int = 0
-    stamped: bool = True
-
-    def __len__(self) -> int:
-        return int(self.value.size)
-
-
-@dataclass(frozen=True)
-class Events:
-    """Messages of all inputs as they were recorded, each (n,): `stream` indexes `pairing.STREAMS`."""
-
-    stream: NDArray[np.int8]
-    stamp_ns: Ints
-    value: Floats
-
-    def __len__(self) -> int:
-        return int(self.value.size)
-
-
-@dataclass(frozen=True)
-class Recording:
-    """The inputs of one recording.
-
-    Attributes
-    ----------
-    path : the recording.
-    streams : by input; friction always, velocity or position, pressure, temperature and position where recorded.
-    topics : all topics of the recording.
-    motion : "linear" or "rotary".
-    notes : what is worth telling about the choice of topics, a line each.
-    """
-
-    path: Path
-    streams: Mapping[str, Stream]
-    topics: tuple[Topic, ...]
-    motion: str = LINEAR
-    notes: tuple[str, ...] = ()
-
-    def events(self) -> Events:
-        """Return the messages of all inputs in recorded order: by time of recording, stable.
-
-        At equal times held channels come first, then velocity, then friction.
-        """
-        names = [name for name in _TIE_ORDER if name in self.streams]
-        parts = [self.streams[name] for name in names]
-        order = recorded_order(*(part.log_time_ns for part in parts))
-        number = [np.full(len(part), STREAMS.index(name), np.int8) for name, part in zip(names, parts, strict=True)]
-        return Events(
-            np.concatenate(number)[order],
-            np.concatenate([part.stamp_ns for part in parts])[order],
-            np.concatenate([part.value for part in parts])[order],
-        )
-
-
-def recorded_order(*log_times_ns: Ints) -> NDArray[np.intp]:
-    """Return the order that merges streams by time of recording.
-
-    The indices are into the concatenated streams. Ties keep the order of the arguments, and the order within a
-    stream.
-
-    >>> recorded_order(np.array([1, 5]), np.array([1, 3])).tolist()
-    [0, 2, 3, 1]
-    """
-    return np.argsort(np.concatenate(log_times_ns), kind="stable")
 
 
 def read_recording(
@@ -144,64 +55,165 @@ def read_recording(
     InputError : the recording is damaged, or a choice is needed.
     UnanswerableError : it does not hold friction, and a velocity or what one can be made of (`input.velocity_from`).
     """
-    config = config or InputConfig()
-    with Source(path) as source:
-        where = str(source.path)
-        chosen = assign(where, source.topics, topics or {}, config.mode, config.velocity_from, probe_of(source, config))
-        joint = _joint(source, chosen.topics["friction"], config)
-        motion, why = recorded_motion(source, chosen.topics, config, joint)
-        builders = {name: _Builder(name, topic, config, motion, source.ros1) for name, topic in chosen.topics.items()}
-        counts = {item.topic.name: item.topic.count for item in builders.values()}
+    with Reading(path, config, topics, progress) as reading:
+        parts: dict[str, list[Part]] = {name: [] for name in reading.names}
+        for name, part, _ in reading.parts():
+            parts[name].append(part)
+        outline = reading.outline()
+    streams = {}
+    for name, heard in outline.streams.items():
+        part = joined(parts.pop(name))
+        if np.any(np.diff(part.log_time_ns) < 0):
+            order = recorded_order(part.log_time_ns)
+            part = Part(part.stamp_ns[order], part.log_time_ns[order], part.value[order])
+        numbers = part.stamp_ns, part.log_time_ns, part.value
+        streams[name] = Stream(
+            heard.topic,
+            heard.message_type,
+            *numbers,
+            frame_id=heard.frame_id,
+            joint=heard.joint,
+            missing=heard.missing,
+            stamped=heard.stamped,
+        )
+    return Recording(outline.path, streams, outline.topics, outline.motion, outline.notes)
+
+
+class Reading:
+    """The inputs of a recording while they are read (context manager); parameters and errors of `read_recording`."""
+
+    def __init__(
+        self,
+        path: str | PurePath,
+        config: InputConfig | None = None,
+        topics: Mapping[str, str] | None = None,
+        progress: Progress | None = None,
+    ) -> None:
+        self._config = config or InputConfig()
+        self._progress = progress or (lambda _read, _total: None)
+        self._again = partial(read_recording, path, config, topics)
+        self._source = Source(path)
+        try:
+            self._choose(topics or {})
+        except BaseException:
+            self._source.close()
+            raise
+
+    def _choose(self, topics: Mapping[str, str]) -> None:
+        source, config = self._source, self._config
+        probe = probe_of(source, config)
+        self._chosen = assign(str(source.path), source.topics, topics, config.mode, config.velocity_from, probe)
+        joint = _joint(source, self._chosen.topics["friction"], config)
+        self.motion, self._why_motion = recorded_motion(source, self._chosen.topics, config, joint)
+        self._listeners = {
+            name: _Listener(name, topic, config, self.motion, source.ros1)
+            for name, topic in self._chosen.topics.items()
+        }
+
+    def __enter__(self) -> "Reading":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._source.close()
+
+    @property
+    def path(self) -> Path:
+        """The recording."""
+        return self._source.path
+
+    @property
+    def names(self) -> list[str]:
+        """The inputs that topics were found for."""
+        return list(self._listeners)
+
+    @property
+    def topics(self) -> Mapping[str, Topic]:
+        """The topic of each of them."""
+        return self._chosen.topics
+
+    def parts(self) -> Iterator[tuple[str, Part, int]]:
+        """Yield the messages of the inputs batch by batch, in the order of the file.
+
+        With each comes a time of recording, ns, before which nothing is behind it (`Source.timed_batches`).
+        """
+        counts = {one.topic.name: one.topic.count for one in self._listeners.values()}
         total = sum(counts.values())
-        if progress is not None:
-            progress(0, total)
-        for topic_name, log_time_ns, messages in source.batches(counts):
-            for builder in builders.values():
-                if builder.topic.name == topic_name:
-                    try:
-                        builder.add(log_time_ns, messages)
-                    except LayoutError as error:
-                        raise InputError(
-                            f"{where}: a message on {builder.topic.name} is no "
-                            f"{builder.topic.message_type.replace('/msg/', '/')}: {error}; "
-                            "record it again, or leave the topic out"
-                        ) from error
-            if progress is not None:
-                progress(len(messages), total)
-        notes = [*source.notes, *chosen.notes]
-        if motion == ROTARY:
-            notes.append(f"the drive is rotary: {why}")
-        streams: dict[str, Stream] = {}
-        failures: dict[str, FrictionEstimatorError] = {}
-        for name in INPUTS:
-            if name not in builders:
-                continue
-            try:
-                streams[name] = stream = builders[name].stream()
-                unusable = int(np.count_nonzero(~(np.abs(stream.value) <= LARGEST_VALUE)))
-                if unusable and name not in REQUIRED:
-                    notes.append(
-                        f"{name}: {unusable} of {len(stream)} values of {stream.topic} are no number, infinite or "
-                        "beyond what a sensor reads: they are passed over"
-                    )
-            except (InputError, UnanswerableError) as error:
-                if name in REQUIRED or name in chosen.explicit or config.velocity_from == "position":
-                    failures[name] = error
-                elif "velocity" not in builders or builders[name].topic != builders["velocity"].topic:
-                    notes.append(f"no {name} is used: {error}")
-        if "position" in streams and "velocity" not in chosen.explicit and config.velocity_from == "auto":
-            failures.pop("velocity", None)
-        if failures:
-            # A joint that is not there lacks both of its values: once is enough.
-            first, *others = failures.values()
-            told = [first] if str(first).endswith(CHOOSE_JOINT) else [first, *others]
-            raise type(first)(f"{where}: {'; '.join(map(str, told))}")
-        if "velocity" not in streams:
-            notes.append(
-                "no velocity: a tracking filter makes it of the position, without delay at constant acceleration "
-                "(input.velocity_from)"
-            )
-        return Recording(source.path, streams, source.topics, motion, tuple(notes))
+        self._progress(0, total)
+        for (topic, log_time_ns, messages), behind_ns in self._source.timed_batches(counts):
+            own = [name for name, one in self._listeners.items() if one.topic.name == topic]
+            for left, name in zip(range(len(own) - 1, -1, -1), own, strict=True):
+                # A JointState is several inputs: those behind come at the same times.
+                safe_ns = min(behind_ns, int(log_time_ns.min())) if left and log_time_ns.size else behind_ns
+                yield name, self._heard(self._listeners[name], log_time_ns, messages), safe_ns
+            self._progress(len(messages), total)
+
+    def events(self) -> Iterator[Events]:
+        """Yield the messages of all inputs in recorded order, as soon as nothing earlier can come.
+
+        Raises OutOfOrderError where the recording holds earlier messages than it says: it has to be read whole.
+        """
+        merge = Merge(self.names)
+        handed_on_ns = ANYTHING_BEHIND
+        for name, part, behind_ns in self.parts():
+            merge.add(name, part)
+            if behind_ns > handed_on_ns:
+                handed_on_ns = behind_ns
+                yield merge.before(behind_ns)
+
+    def _heard(self, listener: "_Listener", log_time_ns: Ints, messages: Rows | list[bytes]) -> Part:
+        try:
+            return listener.part(log_time_ns, messages)
+        except LayoutError as error:
+            raise InputError(
+                f"{self.path}: a message on {listener.topic.name} is no "
+                f"{listener.topic.message_type.replace('/msg/', '/')}: {error}; "
+                "record it again, or leave the topic out"
+            ) from error
+
+    def outline(self) -> Outline:
+        """Return what was found, once all of it was read. Raises as `read_recording`."""
+        notes = [*self._source.notes, *self._chosen.notes]
+        if self.motion == ROTARY:
+            notes.append(f"the drive is rotary: {self._why_motion}")
+        streams, more = _concluded(str(self.path), self._listeners, self._chosen, self._config)
+        return Outline(self.path, streams, self._source.topics, self.motion, (*notes, *more), self._again)
+
+
+def _concluded(
+    where: str, listeners: "Mapping[str, _Listener]", chosen: Assignment, config: InputConfig
+) -> tuple[dict[str, Heard], list[str]]:
+    """Return the inputs that hold values, and notes on the others. Raises as `read_recording`."""
+    notes: list[str] = []
+    streams: dict[str, Heard] = {}
+    failures: dict[str, FrictionEstimatorError] = {}
+    for name in INPUTS:
+        if name not in listeners:
+            continue
+        try:
+            streams[name] = heard = listeners[name].heard()
+            if heard.unusable and name not in REQUIRED:
+                notes.append(
+                    f"{name}: {heard.unusable} of {len(heard)} values of {heard.topic} are no number, infinite or "
+                    "beyond what a sensor reads: they are passed over"
+                )
+        except (InputError, UnanswerableError) as error:
+            if name in REQUIRED or name in chosen.explicit or config.velocity_from == "position":
+                failures[name] = error
+            elif "velocity" not in listeners or listeners[name].topic != listeners["velocity"].topic:
+                notes.append(f"no {name} is used: {error}")
+    if "position" in streams and "velocity" not in chosen.explicit and config.velocity_from == "auto":
+        failures.pop("velocity", None)
+    if failures:
+        # A joint that is not there lacks both of its values: once is enough.
+        first, *others = failures.values()
+        told = [first] if str(first).endswith(CHOOSE_JOINT) else [first, *others]
+        raise type(first)(f"{where}: {'; '.join(map(str, told))}")
+    if "velocity" not in streams:
+        notes.append(
+            "no velocity: a tracking filter makes it of the position, without delay at constant acceleration "
+            "(input.velocity_from)"
+        )
+    return streams, notes
 
 
 def probe_of(source: Source, config: InputConfig) -> Probe:
@@ -245,32 +257,31 @@ def _joint(source: Source, topic: Topic, config: InputConfig) -> str | None:
     return min(decoder.joints, default=config.joint)
 
 
-class _Builder:
-    """Collects one stream batch by batch."""
+class _Listener:
+    """Takes one input out of the batches of its topic, and keeps account of it."""
 
     def __init__(self, name: str, topic: Topic, config: InputConfig, motion: str, ros1: bool) -> None:
         self.topic = topic
         self._name, self._joint_named = name, bool(config.joint)
         self._extractor = EXTRACTORS[topic.message_type]
         self._decoder = Decoder(self._extractor, Want(name, config.axis, config.joint, motion), ros1=ros1)
-        self._stamps: list[Ints] = []
-        self._log_times: list[Ints] = []
-        self._values: list[Floats] = []
         self._frame_id: str | None = None
+        self._messages = self._unusable = 0
 
-    def add(self, log_time_ns: Ints, messages: Rows | list[bytes]) -> None:
-        """Decode a batch. Raises LayoutError."""
-        if not len(messages):
-            return
+    def part(self, log_time_ns: Ints, messages: Rows | list[bytes]) -> Part:
+        """Return the numbers of a batch. Raises LayoutError."""
         decoded = self._decoder.many(messages)
-        if self._frame_id is None:
+        if self._frame_id is None and len(messages):
             self._frame_id = min(self._decoder.frames, default="")
-        self._stamps.append((log_time_ns if decoded.stamp_ns is None else decoded.stamp_ns)[decoded.present])
-        self._log_times.append(log_time_ns[decoded.present])
-        self._values.append(decoded.value[decoded.present])
+        part = Part(log_time_ns if decoded.stamp_ns is None else decoded.stamp_ns, log_time_ns, decoded.value)
+        if not decoded.present.all():
+            part = part.where(decoded.present)
+        self._messages += len(part)
+        self._unusable += int(np.count_nonzero(~(np.abs(part.value) <= LARGEST_VALUE)))
+        return part
 
-    def stream(self) -> Stream:
-        """Return what was collected, in the order of recording.
+    def heard(self) -> Heard:
+        """Return what was found.
 
         Raises InputError where the joint is not clear, UnanswerableError where there is no value.
         """
@@ -278,25 +289,19 @@ class _Builder:
         joints = sorted(self._decoder.joints)
         if len(joints) > 1:
             raise InputError(f"{topic} holds several joints ({', '.join(joints)}): {CHOOSE_JOINT}")
-        value = np.concatenate(self._values) if self._values else np.zeros(0)
         choice = [reason for reason in absences if reason.endswith(CHOOSE_JOINT)]
-        if choice and not (value.size and self._joint_named):
+        if choice and not (self._messages and self._joint_named):
             raise InputError(f"{topic} gives no {self._name}: {choice[0]}")
-        if not value.size:
+        if not self._messages:
             reason = absences.most_common(1)[0][0] if absences else "no messages"
             raise UnanswerableError(f"{topic} gives no {self._name}: {reason}")
-        log_time_ns, stamp_ns = np.concatenate(self._log_times), np.concatenate(self._stamps)
-        if np.any(np.diff(log_time_ns) < 0):
-            order = recorded_order(log_time_ns)
-            log_time_ns, stamp_ns, value = log_time_ns[order], stamp_ns[order], value[order]
-        return Stream(
+        return Heard(
             topic=topic.name,
             message_type=topic.message_type,
-            stamp_ns=stamp_ns,
-            log_time_ns=log_time_ns,
-            value=value,
+            messages=self._messages,
             frame_id=self._frame_id or "",
             joint="".join(joints),
             missing=absences.total(),
             stamped=self._extractor.stamped,
+            unusable=self._unusable,
         )

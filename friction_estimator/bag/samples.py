@@ -1,12 +1,15 @@
 """From the streams of a recording to samples, by the path that the live node takes."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import PurePath
 
 import numpy as np
 from numpy.typing import NDArray
 
-from friction_estimator.bag.read import Recording
+from friction_estimator.bag.merge import Events, OutOfOrderError
+from friction_estimator.bag.read import Progress, Reading, read_recording
+from friction_estimator.bag.recording import Outline, Recorded, Recording
 from friction_estimator.core.errors import UnanswerableError
 from friction_estimator.core.intake.admission import Intake
 from friction_estimator.core.intake.encoder import Wraps
@@ -17,8 +20,18 @@ from friction_estimator.core.settings.config import Config
 CHUNK = 65536
 """Events paired at a time."""
 
+BLOCK = 1 << 18
+"""Numbers of a column that are allocated at a time: large enough that the system gets them back when they are freed."""
+
 LOAD_CHANNELS = {"position": "position_m", "acceleration": "acceleration_m_s2"}
 """What load terms need, made at admission where it was not recorded."""
+
+
+_ALWAYS = ("stamp_ns", "velocity_m_s", "friction_N", "restart")
+
+_HELD = {"pressure": "pressure_Pa", "temperature": "temperature_degC", "position": "position_m"}
+
+_TYPES: Mapping[str, type[np.generic]] = {"stamp_ns": np.int64, "restart": np.bool_}
 
 
 @dataclass(frozen=True)
@@ -44,62 +57,126 @@ class Admitted:
     tracker: Tracker | None = None
 
 
+def read_samples(
+    path: str | PurePath, config: Config, topics: Mapping[str, str] | None = None, progress: Progress | None = None
+) -> tuple[Recorded, Admitted]:
+    """Read a recording and admit its samples, as `read_recording` and `to_samples` do, in less memory.
+
+    Messages are paired as they are read and then let go. Where the recording is not as it says (messages out of order,
+    an input that turns out to hold nothing), it is read whole.
+
+    Raises as `read_recording` and `to_samples`.
+    """
+    with Reading(path, config.input, topics, progress) as reading:
+        admission = Admission(config, reading.names, _is_one_message(reading.topics))
+        try:
+            for events in reading.events():
+                admission.push(events)
+            outline: Outline | None = reading.outline()
+        except OutOfOrderError:
+            outline = None
+    if outline is None or set(outline.streams) != set(reading.names):
+        del admission
+        recording = read_recording(path, config.input, topics, progress)
+        return recording, to_samples(recording, config)
+    return outline, admission.admitted(outline)
+
+
 def to_samples(recording: Recording, config: Config) -> Admitted:
     """Pair and admit the messages of a recording, by the path that the live node takes.
 
     Raises UnanswerableError where no sample is usable; the message counts the reasons.
     """
-    intake = Intake(config if "velocity" in recording.streams else config.updated(_position_alone(recording)))
-    events = recording.events()
-    parts = [
-        intake.push(events.stream[part], events.stamp_ns[part], events.value[part])
-        for start in range(0, len(events), CHUNK)
-        for part in [slice(start, start + CHUNK)]
-    ]
-    intake.flush()
-    last = intake.drain()
-    parts += [last] if last is not None else []
-    counts = dict(intake.counts)
-    used = counts.pop("used", 0)
-    if not used:
-        raise UnanswerableError(f"{recording.path}: no usable sample: {_why_none(recording, counts)}")
+    streams = recording.streams
+    topics = {name: stream.topic for name, stream in streams.items()}
+    admission = Admission(config, streams, _is_one_message(topics))
+    admission.push(recording.events())
+    return admission.admitted(recording)
 
-    def joined(name: str) -> NDArray[np.generic]:
-        return np.concatenate([getattr(part, name) for part in parts])
 
-    held = {
-        field: joined(field) if name in recording.streams else None
-        for name, field in (
-            ("pressure", "pressure_Pa"),
-            ("temperature", "temperature_degC"),
-            ("position", "position_m"),
+class Admission:
+    """Pairs and admits events piece by piece.
+
+    Parameters
+    ----------
+    names : the inputs that there are.
+    one_message : whether position and friction come in one message (see `Pairer.follow`).
+    """
+
+    def __init__(self, config: Config, names: Iterable[str], one_message: bool) -> None:
+        self._names = frozenset(names)
+        alone = {"input.mode": "joint_state"} if one_message and "velocity" not in self._names else {}
+        self._intake = Intake(config.updated(alone))
+        held = [field for name, field in _HELD.items() if name in self._names]
+        made = [field for name, field in LOAD_CHANNELS.items() if self._intake.load.needs(name)]
+        shift = ["position_shift_m"] if "position" in self._names else []
+        names = dict.fromkeys([*_ALWAYS, *held, *made, *shift])
+        self._columns = {name: _Column(_TYPES.get(name, np.float64)) for name in names}
+
+    def push(self, events: Events) -> None:
+        """Take events in recorded order."""
+        for start in range(0, len(events), CHUNK):
+            part = slice(start, start + CHUNK)
+            self._keep(self._intake.push(events.stream[part], events.stamp_ns[part], events.value[part]))
+
+    def _keep(self, samples: Samples) -> None:
+        for name, column in self._columns.items():
+            column.extend(getattr(samples, name))
+
+    def admitted(self, recording: Recorded) -> Admitted:
+        """Return the samples of the recording, whose events have all come. Raises UnanswerableError as `to_samples`."""
+        intake = self._intake
+        intake.flush()
+        last = intake.drain()
+        if last is not None:
+            self._keep(last)
+        counts = dict(intake.counts)
+        used = counts.pop("used", 0)
+        if not used:
+            raise UnanswerableError(f"{recording.path}: no usable sample: {_why_none(recording.whole(), counts)}")
+        if not intake.encoder.wraps.count:
+            self._columns.pop("position_shift_m", None)
+        breaks = intake.sequencer
+        return Admitted(
+            Samples(**{name: column.taken() for name, column in self._columns.items()}),  # type: ignore[arg-type]
+            used + sum(counts.values()),
+            counts,
+            breaks.gaps,
+            breaks.jumps,
+            intake.encoder.wraps,
+            None if "velocity" in self._names else intake.pairer.tracker,
         )
-    }
-    for name in ("position", "acceleration"):
-        if intake.load.needs(name):
-            held[LOAD_CHANNELS[name]] = joined(LOAD_CHANNELS[name])
-    if intake.encoder.wraps.count:
-        held["position_shift_m"] = joined("position_shift_m")
-    samples = Samples(
-        *(joined(name) for name in ("stamp_ns", "velocity_m_s", "friction_N", "restart")),  # type: ignore[arg-type]
-        **held,  # type: ignore[arg-type]
-    )
-    breaks = intake.sequencer
-    return Admitted(
-        samples,
-        used + sum(counts.values()),
-        counts,
-        breaks.gaps,
-        breaks.jumps,
-        intake.encoder.wraps,
-        None if "velocity" in recording.streams else intake.pairer.tracker,
-    )
 
 
-def _position_alone(recording: Recording) -> dict[str, object]:
-    """Return the settings by which a recording without velocity is taken as the live node takes it."""
-    one_message = recording.streams["position"].topic == recording.streams["friction"].topic
-    return {"input.mode": "joint_state"} if one_message else {}
+def _is_one_message(topics: Mapping[str, object]) -> bool:
+    """Return whether position and friction come in one message."""
+    return "position" in topics and topics["position"] == topics["friction"]
+
+
+class _Column:
+    """Numbers that come piece by piece, in blocks: nothing is copied until all are there."""
+
+    def __init__(self, kind: type[np.generic]) -> None:
+        self._blocks: list[NDArray[np.generic]] = []
+        self._kind, self._filled = kind, BLOCK
+
+    def extend(self, values: NDArray[np.generic]) -> None:
+        """Take more."""
+        while values.size:
+            if self._filled == BLOCK:
+                self._blocks.append(np.empty(BLOCK, self._kind))
+                self._filled = 0
+            fits, values = values[: BLOCK - self._filled], values[BLOCK - self._filled :]
+            self._blocks[-1][self._filled : self._filled + fits.size] = fits
+            self._filled += fits.size
+
+    def taken(self) -> NDArray[np.generic]:
+        """Return all of them; nothing is left here."""
+        blocks, self._blocks = self._blocks, []
+        if blocks:
+            blocks[-1] = blocks[-1][: self._filled]
+        self._filled = BLOCK
+        return np.concatenate(blocks) if blocks else np.empty(0, self._kind)
 
 
 def _why_none(recording: Recording, counts: Mapping[str, int]) -> str:

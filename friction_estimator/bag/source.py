@@ -19,13 +19,16 @@ from rosbags.rosbag2.storage_mcap import DECOMPRESSORS as UNPACKERS2
 from friction_estimator.bag import mcap
 from friction_estimator.bag.budget import unpack
 from friction_estimator.bag.lfs import check_no_pointer
-from friction_estimator.bag.mcap import Batch
+from friction_estimator.bag.mcap import NOTHING_BEHIND, Batch, Timed
 from friction_estimator.bag.prepared import prepared
 from friction_estimator.core.errors import FrictionEstimatorError, InputError
 from friction_estimator.core.text import is_utf8
 
 BATCH = 8192
 """Messages handed on at a time: bounds the memory of a pass over a recording."""
+
+ANYTHING_BEHIND = -(2**63)
+"""The time that goes with a batch where nobody knows what the batches behind it hold."""
 
 STORAGE_SUFFIXES = (".mcap", ".db3", ".bag")
 _PARTS = (*STORAGE_SUFFIXES, ".zstd", ".yaml")
@@ -99,6 +102,10 @@ class Source:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the files, and of what is temporary."""
         self._stack.close()
 
     @property
@@ -139,31 +146,40 @@ class Source:
 
         Raises InputError where the recording is damaged.
         """
+        for batch, _ in self.timed_batches(topics):
+            yield batch
+
+    def timed_batches(self, topics: Collection[str]) -> Iterator[Timed]:
+        """Yield what `batches` does, and with each a time of recording, ns, before which nothing comes behind it.
+
+        So the recording says; where it says nothing that time is `ANYTHING_BEHIND`.
+        """
         with _readable(self.path):
-            for part in self._indexed(topics) or [self._stepwise(topics)]:
-                for topic, times, messages in part:
-                    if self._prepared.packed_messages:
-                        yield topic, times, [self._unpacked(bytes(message)) for message in messages]
-                    else:
-                        yield topic, times, messages
+            for (topic, times, messages), behind_ns in self._indexed(topics) or self._stepwise(topics):
+                if self._prepared.packed_messages:
+                    yield (topic, times, [self._unpacked(bytes(message)) for message in messages]), behind_ns
+                else:
+                    yield (topic, times, messages), behind_ns
 
     def _unpacked(self, raw: bytes) -> bytes:
         return unpack(raw, "zstd") if self._prepared.packed_messages else raw
 
-    def _indexed(self, topics: Collection[str]) -> list[Iterator[Batch]] | None:
+    def _indexed(self, topics: Collection[str]) -> Iterator[Timed] | None:
         """Return the fast way through every file of the recording, where all of them have one."""
         if any(file.suffix != ".mcap" for file in self._prepared.files):
             return None
-        parts = [mcap.batches(file, topics) for file in self._prepared.files]
+        parts = [mcap.indexed(file, topics) for file in self._prepared.files]
         ways = [part for part in parts if part is not None]
-        return ways if len(ways) == len(parts) else None
+        return _one_after_the_other(ways) if ways and len(ways) == len(parts) else None
 
-    def _stepwise(self, topics: Collection[str]) -> Iterator[Batch]:
+    def _stepwise(self, topics: Collection[str]) -> Iterator[Timed]:
         """Yield what rosbags yields message by message."""
         boxes: dict[str, tuple[list[int], list[bytes]]] = {name: ([], []) for name in topics}
         chosen = [item for item in self._reader.connections if item.topic in boxes]
         if not chosen:
             return
+        # What rosbags takes from one file of these kinds it takes in the order of time.
+        in_order = len(self._prepared.files) == 1 and self._prepared.files[0].suffix in (".db3", ".bag")
         for connection, log_time, raw in self._reader.messages(connections=chosen):
             if not isinstance(raw, bytes):
                 raise TypeError(f"a message on {connection.topic} is no bytes but {type(raw).__name__}")
@@ -171,11 +187,30 @@ class Source:
             times.append(log_time)
             messages.append(raw)
             if len(messages) == BATCH:
-                yield connection.topic, np.array(times, np.int64), messages
-                boxes[connection.topic] = ([], [])
-        for name, (times, messages) in boxes.items():
-            if messages:
-                yield name, np.array(times, np.int64), messages
+                yield from _emptied(boxes, log_time if in_order else ANYTHING_BEHIND)
+        yield from _emptied(boxes, NOTHING_BEHIND)
+
+
+def _one_after_the_other(files: list[mcap.Indexed]) -> Iterator[Timed]:
+    """Yield the batches of files."""
+    behind = NOTHING_BEHIND
+    waiting: list[tuple[mcap.Indexed, int]] = []
+    for file in reversed(files):
+        waiting.append((file, behind))
+        behind = min(behind, file.first_ns)
+    for file, later in reversed(waiting):
+        for batch, behind_ns in file.batches:
+            yield batch, min(behind_ns, later)
+
+
+def _emptied(boxes: dict[str, tuple[list[int], list[bytes]]], behind_ns: int) -> Iterator[Timed]:
+    """Yield what waits on each topic, and empty its box; behind the last one nothing comes from before `behind_ns`."""
+    filled = [name for name, (times, _) in boxes.items() if times]
+    for number, name in enumerate(filled, start=1):
+        times, messages = boxes[name]
+        boxes[name] = ([], [])
+        last = number == len(filled)
+        yield (name, np.array(times, np.int64), messages), behind_ns if last else ANYTHING_BEHIND
 
 
 def _check_kind(path: Path) -> None:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from friction_estimator.bag.read import Stream
+from friction_estimator.bag.recording import Stream
 from friction_estimator.core.intake.pairing import LARGEST_VALUE
 from friction_estimator.core.sample import NS_PER_S, Floats
 from friction_estimator.core.settings.groups import SyncConfig

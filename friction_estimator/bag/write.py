@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import StoragePlugin, Writer
 
+from friction_estimator.bag.merge import recorded_order
 from friction_estimator.bag.own import MARK, OUTPUT_PREFIX, refusal
-from friction_estimator.bag.read import recorded_order
 from friction_estimator.bag.serialise import Template, array_template, sample_template, typestore
 from friction_estimator.bag.source import Source
 from friction_estimator.core.errors import InputError

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from friction_estimator.bag.read import Recording
+from friction_estimator.bag.recording import Recorded
 from friction_estimator.bag.statistics import StreamStatistics, describe
 from friction_estimator.core.quantities import FORCE, POSITION, VELOCITY, Quantities
 from friction_estimator.core.settings.config import Config
@@ -19,13 +19,13 @@ UNITS = {"velocity": VELOCITY, "friction": FORCE, "position": POSITION, "pressur
 FAULTS = ("zero_stamps", "duplicate_stamps", "backward_stamps", "clock_jumps", "nan", "infinite", "missing")
 
 
-def data_quality(recordings: Sequence[Recording], config: Config, q: Quantities, counts: Mapping[str, Any]) -> Section:
+def data_quality(recordings: Sequence[Recorded], config: Config, q: Quantities, counts: Mapping[str, Any]) -> Section:
     """Return the section; `counts` is `samples` of the JSON."""
     rows: list[Sequence[object]] = [HEAD]
     notes: list[str] = []
     for place_in_order, recording in enumerate(recordings, start=1):
         place = f"{place_in_order}. " if len(recordings) > 1 else ""
-        for name, stream in recording.streams.items():
+        for name, stream in recording.whole().streams.items():
             figures = describe(stream, config.sync)
             stamps = "of the header" if stream.stamped else "none: time of recording"
             rows.append((place + name, stream.topic, len(stream), *_figures(figures, stamps, name, q)))

@@ -15,7 +15,7 @@ from friction_estimator.core.settings.config import Config
 from friction_estimator.output.layout import Layout, only
 
 if TYPE_CHECKING:
-    from friction_estimator.bag.read import Recording
+    from friction_estimator.bag.recording import Recording
     from friction_estimator.bag.samples import Admitted
     from friction_estimator.diagnosis.result import Diagnosis
     from friction_estimator.effects.detection import Fault

@@ -12,7 +12,7 @@ from friction_estimator.core.quantities import FORCE, POSITION, VELOCITY, Quanti
 from friction_estimator.core.settings.groups import AUTO
 
 if TYPE_CHECKING:
-    from friction_estimator.bag.read import Recording, Stream
+    from friction_estimator.bag.recording import Recording, Stream
     from friction_estimator.bag.samples import Admitted
     from friction_estimator.bag.source import Source, Topic
     from friction_estimator.bag.statistics import StreamStatistics

@@ -8,8 +8,8 @@ from functools import cached_property
 from itertools import accumulate
 from typing import Any, Protocol
 
-from friction_estimator.bag.read import Recording, read_recording
-from friction_estimator.bag.samples import Admitted, to_samples
+from friction_estimator.bag.recording import Recorded
+from friction_estimator.bag.samples import Admitted, read_samples
 from friction_estimator.cli import common, joints
 from friction_estimator.cli.progress import progress
 from friction_estimator.core.errors import InputError, about
@@ -43,7 +43,7 @@ def counted(admitted: Sequence[Admitted]) -> dict[str, Any]:
 class Loaded:
     """A recording, its admitted samples and the configuration."""
 
-    recording: Recording
+    recording: Recorded
     admitted: Admitted
     config: Config
 
@@ -90,7 +90,7 @@ class Session:
         return tuple(accumulate((len(loaded.samples) for loaded in self.learned[:-1]), initial=0))
 
     @property
-    def recordings(self) -> list[Recording]:
+    def recordings(self) -> list[Recorded]:
         """The recordings to learn."""
         return [loaded.recording for loaded in self.learned]
 
@@ -160,7 +160,7 @@ def load(args: argparse.Namespace, output: common.Outlet, overrides: Mapping[str
     return Session(_with(learned, config), _with(others, config), config, quantities)
 
 
-def settled(config: Config, recordings: Sequence[Recording]) -> Config:
+def settled(config: Config, recordings: Sequence[Recorded]) -> Config:
     """Return the configuration with what the recordings say of `input.motion`.
 
     Raises InputError where one is linear and another rotary.
@@ -194,17 +194,16 @@ def tell_theory(output: common.Outlet, config: Config, samples: Samples) -> None
         output.warn(text)
 
 
-def _with(read: Sequence[tuple[Recording, Admitted]], config: Config) -> tuple[Loaded, ...]:
+def _with(read: Sequence[tuple[Recorded, Admitted]], config: Config) -> tuple[Loaded, ...]:
     return tuple(Loaded(recording, admitted, config) for recording, admitted in read)
 
 
 def _read(
     bag: str, args: argparse.Namespace, config: Config, output: common.Outlet, heading: str
-) -> tuple[Recording, Admitted]:
+) -> tuple[Recorded, Admitted]:
     """Read one recording; say what it holds, under its name where `heading` says what it is for."""
     with about(bag), progress("reading", unit="messages") as advance:
-        recording = read_recording(bag, config.input, common.topics_from(args), advance)
-        admitted = to_samples(recording, config)
+        recording, admitted = read_samples(bag, config, common.topics_from(args), advance)
     if heading:
         output.say(f"{heading:<12}{recording.path}")
     for name, stream in recording.streams.items():
@@ -228,7 +227,7 @@ def _read(
     return recording, admitted
 
 
-def _live_input(recording: Recording) -> dict[str, object]:
+def _live_input(recording: Recorded) -> dict[str, object]:
     """Return the settings by which the live node takes the same inputs; config.yaml is written for it."""
     streams = recording.streams
     velocity, friction = streams.get("velocity") or streams["position"], streams["friction"]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from friction_estimator.bag import own
-from friction_estimator.bag.read import Recording
+from friction_estimator.bag.recording import Recorded
 from friction_estimator.bag.source import Source
 from friction_estimator.bag.write import add_results, written
 from friction_estimator.cli import loads, side_by_side
@@ -55,7 +55,7 @@ RESULTS = Layout(
 
 def write_results(
     folder: Path,
-    recordings: Recording | Sequence[Recording],
+    recordings: Recorded | Sequence[Recorded],
     result: Replay,
     summary: Mapping[str, Any],
     quantities: Quantities | None = None,
@@ -78,7 +78,7 @@ def write_results(
     Raises InputError where a recording cannot be written.
     """
     quantities = quantities or result.config.quantities
-    taken = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    taken = list(recordings) if isinstance(recordings, Sequence) else [recordings]
     paths = ", ".join(str(recording.path) for recording in taken)
     folder.mkdir()
     write_bags(folder / "bag", taken, result)
@@ -102,7 +102,7 @@ def write_results(
     write_page(folder / "report.html", page)
 
 
-def write_bags(path: Path, recordings: Sequence[Recording], result: Replay) -> None:
+def write_bags(path: Path, recordings: Sequence[Recorded], result: Replay) -> None:
     """Write one recording to `path`; several, numbered in order, into the folder `path`."""
     if len(recordings) == 1:
         write_bag(path, recordings[0], result)
@@ -114,13 +114,13 @@ def write_bags(path: Path, recordings: Sequence[Recording], result: Replay) -> N
         write_bag(path / f"{number:0{digits}d}_{shown(name, LONGEST_FOLDER)}", recording, result, part)
 
 
-def write_bag(path: Path, recording: Recording, result: Replay, part: slice = slice(None)) -> None:
+def write_bag(path: Path, recording: Recorded, result: Replay, part: slice = slice(None)) -> None:
     """Write the inputs as they were recorded, with prediction, residual and parameters.
 
     `part` are the recording's samples in `result`.
     """
     names = sorted({stream.topic for stream in recording.streams.values()})
-    friction, samples = recording.streams["friction"], result.samples[part]
+    friction, samples = recording.whole().streams["friction"], result.samples[part]
     # Outputs stand beside the friction that they belong to, whatever clock made its stamps.
     log_time_ns = friction.log_time_ns[_places(friction.stamp_ns, samples.stamp_ns)]
     with written(path) as writer:

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from friction_estimator.bag.read import Progress, Recording, read_recording
+from friction_estimator.bag.read import Progress, read_recording
+from friction_estimator.bag.recording import Recording
 from friction_estimator.bag.samples import Admitted, to_samples
 from friction_estimator.core.errors import UnanswerableError, about
 from friction_estimator.core.sample import NS_PER_S

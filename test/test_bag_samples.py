@@ -1,0 +1,159 @@
+"""Samples that are admitted while a recording is read are those of the recording read whole, to the bit."""
+
+import os
+import struct
+import subprocess
+import sys
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from friction_estimator.bag import samples, source
+from friction_estimator.bag.merge import Merge, OutOfOrderError, Part, merged
+from friction_estimator.bag.read import read_recording
+from friction_estimator.bag.recording import Outline, Recording
+from friction_estimator.bag.samples import read_samples, to_samples
+from friction_estimator.bag.serialise import sample_template, typestore
+from friction_estimator.bag.write import TOPICS, write_samples
+from friction_estimator.core.sample import NS_PER_S, Samples
+from friction_estimator.core.settings.config import Config
+
+START = 1_700_000_000 * NS_PER_S
+
+
+def driven(n, **channels):
+    k = np.arange(n)
+    velocity = 0.1 * np.sin(0.01 * k)
+    return Samples(START + 1_000_000 * k, velocity, np.tanh(50.0 * velocity), k == 0, **channels)
+
+
+def assert_alike(path, config=None, kind=Outline):
+    config = config or Config()
+    whole = read_recording(path, config.input)
+    expected = to_samples(whole, config)
+    outline, found = read_samples(path, config)
+    assert isinstance(outline, kind)
+    for field in fields(Samples):
+        one, other = (getattr(each.samples, field.name) for each in (expected, found))
+        assert (one is None) == (other is None), field.name
+        assert one is None or (one.dtype == other.dtype and one.tobytes() == other.tobytes()), field.name
+    for name in ("read", "rejected", "gaps", "jumps", "wraps"):
+        assert getattr(found, name) == getattr(expected, name)
+    assert (outline.notes, outline.motion, outline.topics) == (whole.notes, whole.motion, whole.topics)
+    assert {name: len(stream) for name, stream in outline.streams.items()} == {
+        name: len(stream) for name, stream in whole.streams.items()
+    }
+    again = outline.whole()
+    assert {name: stream.value.tobytes() for name, stream in again.streams.items()} == {
+        name: stream.value.tobytes() for name, stream in whole.streams.items()
+    }
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+@pytest.mark.parametrize("n", [1, 2, 8191, 30_011])
+def test_blocks_that_do_not_divide_the_length_change_no_bit(tmp_path, storage, n, monkeypatch):
+    monkeypatch.setattr(samples, "BLOCK", 1013)
+    monkeypatch.setattr(samples, "CHUNK", 977)
+    monkeypatch.setattr(source, "BATCH", 211)
+    rng = np.random.default_rng(n)
+    pressure = np.where(rng.random(n) < 0.02, 2e5 + rng.random(n), np.nan)
+    pressure[0] = 2e5
+    position = np.cumsum(1e-4 * np.sin(0.01 * np.arange(n))) % 0.003  # an encoder that wraps
+    write_samples(tmp_path / "run", driven(n, pressure_Pa=pressure, position_m=position), storage)
+    assert_alike(tmp_path / "run")
+    loaded = Config.from_mapping({"load.terms": ["inertia"], "input.velocity_from": "position"})
+    if n > 2:
+        assert_alike(tmp_path / "run", loaded)
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(data=st.data())
+def test_messages_in_any_order_are_handed_on_in_recorded_order(tmp_path_factory, data):
+    """Of random times, with many equal ones; several chunks, whose times overlap."""
+    path = tmp_path_factory.mktemp("bag") / "run"
+    rng = np.random.default_rng(data.draw(st.integers(0, 99)))
+    n, reach = data.draw(st.integers(2, 400)), data.draw(st.sampled_from([3, 40, 4000]))
+    padding = data.draw(st.sampled_from([0, 20_000]))  # the last makes several chunks of a megabyte
+    storage = data.draw(st.sampled_from([StoragePlugin.MCAP, StoragePlugin.SQLITE3]))
+    stamps = START + np.arange(n)  # each is met by its partner, whatever the order
+    with Writer(path, version=9, storage_plugin=storage) as writer:
+        other = writer.add_connection("/words", "std_msgs/msg/String", typestore=typestore())
+        for name in ("velocity", "friction"):
+            topic, kind = TOPICS[name]
+            connection = writer.add_connection(topic, kind, typestore=typestore())
+            rows = sample_template(kind, (name,)).rows(stamps, rng.standard_normal(n))
+            times = START + (stamps - START + rng.integers(0, reach, n)) // 2
+            for time, row in zip(times.tolist(), rows, strict=True):
+                writer.write(connection, time, row.tobytes())
+                if padding:
+                    writer.write(other, time, bytes(padding))
+    assert_alike(path, Config.from_mapping({"sync.queue": 1000}))
+
+
+def test_a_chunk_that_holds_earlier_messages_than_it_says_is_read_whole(tmp_path):
+    write_samples(tmp_path / "run.mcap", driven(30_000))
+    content = bytearray((tmp_path / "run.mcap").read_bytes())
+    (at,) = struct.unpack_from("<Q", content, len(content) - 28)  # the summary
+    late = 0
+    while content[at] != 0x02:  # the footer
+        code, length = struct.unpack_from("<BQ", content, at)
+        if code == 0x08:  # ChunkIndex: time of its first message
+            struct.pack_into("<Q", content, at + 9, START + 10**15)
+            late += 1
+        at += 9 + length
+    assert late > 1
+    (tmp_path / "run.mcap").write_bytes(content)
+    assert_alike(tmp_path / "run.mcap", kind=Recording)
+
+
+def test_an_input_that_turns_out_to_hold_nothing_is_left_out_as_ever(tmp_path):
+    """The JointState has positions and efforts, its velocities are empty: they are made of the positions."""
+    n = 3000
+    k = np.arange(n)
+    with Writer(tmp_path / "run", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/joint_states", "sensor_msgs/msg/JointState", typestore=typestore())
+        template = sample_template("sensor_msgs/msg/JointState", ("position", "friction"), joint="a")
+        rows = template.rows(START + 1_000_000 * k, 0.1 * np.sin(0.01 * k), np.cos(0.01 * k))
+        for time, row in zip((START + 1_000_000 * k).tolist(), rows, strict=True):
+            writer.write(connection, time, row.tobytes())
+    assert_alike(tmp_path / "run", kind=(Outline, Recording))
+
+
+def test_what_is_handed_on_is_not_taken_back():
+    def part(*times):
+        return Part(np.array(times), np.array(times), np.array(times, float))
+
+    merge = Merge(["velocity", "friction"])
+    merge.add("velocity", part(5, 3, 9))
+    assert merge.before(6).value.tolist() == [3.0, 5.0]
+    merge.add("friction", part(6, 9))
+    assert merge.before(10).value.tolist() == merged({"velocity": part(9), "friction": part(6, 9)}).value.tolist()
+    with pytest.raises(OutOfOrderError):
+        merge.add("friction", part(12, 9))
+
+
+MEASURE = """
+import resource, sys
+from friction_estimator.bag.samples import read_samples
+from friction_estimator.core.settings.config import Config
+read_samples(sys.argv[1], Config())
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+read_samples(sys.argv[2], Config())
+print(1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before))
+"""
+
+
+def test_memory_of_reading_is_that_of_the_samples(tmp_path):
+    n = 500_000
+    write_samples(tmp_path / "short", driven(30_000))
+    write_samples(tmp_path / "long", driven(n))
+    environment = {**os.environ, "PYTHONPATH": str(Path(samples.__file__).parents[2])}
+    words = [sys.executable, "-c", MEASURE, str(tmp_path / "short"), str(tmp_path / "long")]
+    grown = int(subprocess.run(words, env=environment, check=True, capture_output=True, text=True).stdout)
+    # Stamp, velocity, friction and restart are 25 bytes a sample; one column is there twice while it is joined.
+    assert grown < 25 * n + 8 * n + 8e6
