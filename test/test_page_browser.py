@@ -50,10 +50,8 @@ def many(result: Replay, times: int) -> Replay:
         np.tile(one.friction_N, times) + np.repeat(np.arange(times), n) * 1e-3,
         np.arange(n * times) % n == 0,
     )
-    tiled = {
-        name: np.tile(getattr(result, name), times) for name in ("predicted_N", "theory_N", "learned", "deviation_N")
-    }
-    return replace(result, samples=whole, starts=(0,), **tiled)
+    tiled = {name: np.tile(getattr(result, name), times) for name in ("predicted_N", "learned", "deviation_N")}
+    return replace(result, samples=whole, starts=(0,), theory_in=result.estimator.model.theory_over(whole), **tiled)
 
 
 def summary_of(result: Replay, bags=("a",)) -> dict:

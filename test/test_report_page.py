@@ -91,7 +91,7 @@ def test_what_loses_is_told_by_its_reason(replayed):
 
 
 def test_a_theory_of_another_machine_and_velocities_never_learned_are_told(replayed):
-    light, advice = judged(replace(replayed, theory_N=-5.0 * replayed.samples.friction_N))
+    light, advice = judged(replace(replayed, theory_in=lambda part: -5.0 * replayed.samples.friction_N[part]))
     assert light.level == CAUTION
     assert "not of this machine" in light.reason
     assert "theory.kind none" in advice[0].text

@@ -106,7 +106,7 @@ def _as_replay(session: Session, config: Config, fit: BatchFit, learned: Bools, 
         config=config,
         samples=samples,
         predicted_N=fit.predicted_N,
-        theory_N=estimator.model.theoretical_friction(samples) if config.is_parallel else None,
+        theory_in=estimator.model.theory_over(samples) if config.is_parallel else None,
         learned=learned,
         snapshot_index=shown,
         snapshots=[fit.parameters for _ in shown],
@@ -150,7 +150,9 @@ def _online(
         for law in laws:
             config = session.config.updated({"model.law": law})
             extension = extension_as_met(config, samples)
-            online = replay(samples, config, extension=extension, freeze_after=freeze_after, advance=advance)
+            online = replay(
+                samples, config, extension=extension, freeze_after=freeze_after, deviation=False, advance=advance
+            )
             measured = online.samples.friction_N  # those that waited too long for the first contact are not among them
             fitted = fit.predicted_N[len(samples) - len(measured) :]
             last = slice(len(measured) - max(2, len(measured) // 5), None)

@@ -47,6 +47,7 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
             extension=extension_as_met(session.config, session.samples),
             freeze_after=args.freeze_after,
             starts=session.starts,
+            deviation=bool(args.out),
             advance=advance,
         )
     tell_units(output, session.quantities, session.config, result.estimator.config)

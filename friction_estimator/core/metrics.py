@@ -1,11 +1,15 @@
-"""Figures of merit, the same everywhere."""
+"""Figures of merit, the same everywhere; none takes an array of the record's length beside those that it is given."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
 
+from friction_estimator.core import sums
 from friction_estimator.core.sample import Bools, Floats
+
+Prediction = Callable[[slice], Floats]
+"""Returns the values of a part of a record."""
 
 LEAST_CYCLES = 3
 """Fewer drive cycles than this are not reported as cycles."""
@@ -17,34 +21,57 @@ ROUNDING = 1e-13
 """A standard deviation below this share of the largest value is what rounding leaves of a constant."""
 
 
-def spread(values: Floats) -> float:
+def spread(values: Floats, where: Bools | None = None) -> float:
     """Return the standard deviation, exactly 0 for a constant and for fewer than two values.
+
+    `where` : (n,), the values that count; all of them unless given.
 
     >>> spread(np.full(1000, 3.3)), float(np.std(np.full(1000, 3.3))) > 0.0
     (0.0, True)
     """
-    if values.size < 2:
+
+    def pieces() -> Iterator[Floats]:
+        return (values[part] for part in sums.parts(values.size)) if where is None else sums.chosen(values, where)
+
+    n = values.size if where is None else int(np.count_nonzero(where))
+    if n < 2:
         return 0.0
-    deviation = float(np.std(values))
-    return deviation if deviation > ROUNDING * float(np.max(np.abs(values))) else 0.0
+    mean = sums.total(pieces(), n) / n
+    deviation = float(np.sqrt(sums.total((np.square(piece - mean) for piece in pieces()), n) / n))
+    largest = max(float(np.max(np.abs(piece))) for piece in pieces() if piece.size)
+    return deviation if deviation > ROUNDING * largest else 0.0
 
 
-def nrmse(measured: Floats, predicted: Floats) -> float:
+def nrmse(measured: Floats, predicted: Floats | Prediction, where: Bools | None = None) -> float:
     """Return rms(measured - predicted) / std(measured); NaN below two samples or where the signal is constant.
+
+    Parameters
+    ----------
+    measured : (n,).
+    predicted : (n,), or what returns its values in a part.
+    where : (n,), the samples that count; all of them unless given.
 
     >>> nrmse(np.array([0.0, 2.0]), np.array([1.0, 1.0]))
     1.0
     """
-    scale = spread(measured)
-    return float(np.sqrt(np.mean(np.square((measured - predicted) / scale)))) if scale > 0.0 else float("nan")
+    scale = spread(measured, where)
+    if not scale > 0.0:
+        return float("nan")
+    values: Prediction = predicted if callable(predicted) else predicted.__getitem__
+
+    def squares() -> Iterator[Floats]:
+        for part in sums.parts(measured.size):
+            error = np.square((measured[part] - values(part)) / scale)
+            yield error if where is None else error[where[part]]
+
+    n = measured.size if where is None else int(np.count_nonzero(where))
+    return float(np.sqrt(sums.total(squares(), n) / n))
 
 
 def nrmse_persistence(measured: Floats, restart: Bools) -> float:
     """Return the nrmse of the guess f[k-1]; samples after a restart have no predecessor and are left out."""
     follows = ~restart[1:]
-    error = np.diff(measured)[follows]
-    scale = spread(measured[1:][follows])
-    return float(np.sqrt(np.mean(np.square(error / scale)))) if scale > 0.0 else float("nan")
+    return nrmse(measured[1:], measured[:-1], follows)
 
 
 def white_noise(force_N: Floats, restart: Bools) -> float:
@@ -86,20 +113,34 @@ def drive_cycles(velocity_m_s: Floats) -> list[slice]:
     >>> [c.stop - c.start for c in drive_cycles(np.sin(2 * np.pi * t - 1.0))]
     [1000, 1000, 1000, 1000]
     """
-    band = 0.25 * float(np.sqrt(np.mean(np.square(velocity_m_s)))) if velocity_m_s.size else 0.0
+    n = velocity_m_s.size
+    band = 0.25 * float(np.sqrt(sums.mean_square(velocity_m_s.__getitem__, n))) if n else 0.0
     if not band > 0.0:
         return []
-    side = np.sign(velocity_m_s) * (np.abs(velocity_m_s) > band)
-    known = np.flatnonzero(side)
-    rises = np.flatnonzero((side[known][:-1] < 0) & (side[known][1:] > 0))
     starts = []
-    for rise in rises:
-        first, last = known[rise], known[rise + 1]
+    for first, last in _rises(velocity_m_s, band):
         starts.append(int(first + 1 + np.argmax(velocity_m_s[first + 1 : last + 1] >= 0.0)))
     lengths = np.diff(starts)
     if lengths.size < LEAST_CYCLES or np.std(lengths) > 0.5 * np.mean(lengths):
         return []
     return [slice(a, b) for a, b in pairwise(starts)]
+
+
+def _rises(velocity: Floats, band: float) -> Iterator[tuple[int, int]]:
+    """Yield the last sample below the band and the first one above it, of each way up through it."""
+    before, side_before = -1, 0.0
+    for part in sums.parts(velocity.size):
+        piece = velocity[part]
+        known = np.flatnonzero(np.abs(piece) > band)
+        if not known.size:
+            continue
+        side = np.sign(piece[known])
+        place = known + part.start
+        if side_before < 0.0 < side[0]:
+            yield before, int(place[0])
+        for k in np.flatnonzero((side[:-1] < 0.0) & (side[1:] > 0.0)).tolist():
+            yield int(place[k]), int(place[k + 1])
+        before, side_before = int(place[-1]), float(side[-1])
 
 
 def cycles_or_tenths(velocity_m_s: Floats, starts: Sequence[int] = (0,)) -> list[slice]:
@@ -129,8 +170,10 @@ def by_cycle(measured: Floats, predicted: Floats, velocity_m_s: Floats, starts: 
     scale = spread(measured)
     if not scale > 0.0:
         return []
-    error = (measured - predicted) / scale
-    return [float(np.sqrt(np.mean(np.square(error[part])))) for part in cycles_or_tenths(velocity_m_s, starts)]
+    return [
+        float(np.sqrt(np.mean(np.square((measured[part] - predicted[part]) / scale))))
+        for part in cycles_or_tenths(velocity_m_s, starts)
+    ]
 
 
 def settled(restart: Bools, memory: int) -> Bools:
@@ -142,6 +185,7 @@ def settled(restart: Bools, memory: int) -> Bools:
     >>> settled(np.array([True, False, False, True, False, False]), 2).tolist()
     [False, False, True, False, False, True]
     """
-    place = np.arange(restart.size)
-    last = np.maximum.accumulate(np.where(restart, place, -memory))
-    return np.asarray(place - last >= memory, np.bool_)
+    out = np.ones(restart.size, np.bool_)
+    for lag in range(min(memory, restart.size)):
+        out[lag:] &= ~restart[: restart.size - lag]
+    return out

@@ -13,6 +13,11 @@ Bools = NDArray[np.bool_]
 
 NS_PER_S = 1_000_000_000
 
+_BLOCK = 65_536
+
+_LONGEST_STEP = 2**31 - 1
+"""What half of an int64 holds, ns."""
+
 
 @dataclass(frozen=True)
 class Samples:
@@ -67,15 +72,28 @@ class Samples:
     @property
     def duration_s(self) -> float:
         """Time that passed from the first to the last sample, s; backward jumps of the clock do not count."""
-        step = np.diff(self.stamp_ns)
-        return float(step[step > 0].sum() / NS_PER_S)
+        forward = 0
+        for start in range(0, len(self) - 1, _BLOCK):
+            step = np.diff(self.stamp_ns[start : start + _BLOCK + 1])
+            forward += int(step[step > 0].sum())
+        return float(np.int64(forward) / NS_PER_S)
 
     @property
     def sample_rate_hz(self) -> float:
         """Median sample rate inside gap-free pieces, Hz; NaN below two samples."""
-        step = np.diff(self.stamp_ns)[~self.restart[1:]]
-        step = step[step > 0]
-        return float(NS_PER_S / np.median(step)) if step.size else float("nan")
+        steps, count = np.empty(max(0, len(self) - 1), np.int32), 0
+        for start in range(0, len(self) - 1, _BLOCK):
+            step = np.diff(self.stamp_ns[start : start + _BLOCK + 1])
+            step = step[~self.restart[start + 1 : start + 1 + step.size] & (step > 0)]
+            steps[count : count + step.size] = np.minimum(step, _LONGEST_STEP)
+            count += step.size
+        if not count:
+            return float("nan")
+        period = float(np.median(steps[:count], overwrite_input=True))
+        if period > _LONGEST_STEP // 2:  # a second or more: such a recording is short
+            step = np.diff(self.stamp_ns)[~self.restart[1:]]
+            period = float(np.median(step[step > 0]))
+        return float(NS_PER_S / period)
 
 
 def joined(recordings: Sequence[Samples]) -> Samples:

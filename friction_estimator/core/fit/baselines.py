@@ -27,7 +27,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from friction_estimator.core.errors import UnanswerableError
-from friction_estimator.core.metrics import nrmse
+from friction_estimator.core.metrics import Prediction, nrmse
 from friction_estimator.core.sample import Floats
 
 LEAST_SAMPLES = 30
@@ -202,6 +202,10 @@ class StaticCurve:
         out: Floats = np.tanh(v / par["width_m_s"]) * level + each("viscous", "N_s_m") * v + par.get("offset_N", 0.0)
         return out
 
+    def over(self, velocity_m_s: Floats) -> "Prediction":
+        """Return what evaluates the curve over a part of a record, whose velocities are (n,)."""
+        return lambda part: self.evaluate(velocity_m_s[part])
+
 
 @dataclass(frozen=True)
 class Bins:
@@ -264,15 +268,14 @@ def fit_baselines(
     speed = top_speed(v)
     if not speed > 0.0:
         raise UnanswerableError("nothing moves: all velocities are 0, a friction curve cannot be fitted")
-    force = float(np.max(np.abs(f))) or 1.0
-    x, y = v / speed, f / force
-    bins = gathered(x, y)
+    force = max(float(np.max(f)), -float(np.min(f))) or 1.0
+    bins = gathered(v, f, speed, force)
     curves = {}
     for name in names:
         form = BASELINES[name]
         ridge = form.ridge(bins.both_ways)
         shape = best_shape(form, ridge, bins)
-        coefficients = on_all(form, shape, ridge, x, y)
+        coefficients = on_all(form, shape, ridge, v, f, speed, force)
         curves[name] = StaticCurve(name, in_units(form, shape, coefficients, speed, force))
     return curves
 
@@ -288,17 +291,22 @@ def top_speed(velocity_m_s: Floats) -> float:
     No sample is faster than a million times of it, so that squares of their ratio stay finite.
     """
     speeds = np.abs(velocity_m_s)
-    speeds = speeds[speeds > np.finfo(np.float64).tiny]
-    return max(float(np.quantile(speeds, TOP_SPEED)), 1e-6 * float(np.max(speeds))) if speeds.size else 0.0
+    moving = speeds > np.finfo(np.float64).tiny
+    if not moving.all():
+        speeds = speeds[moving]
+    if not speeds.size:
+        return 0.0
+    largest = float(np.max(speeds))
+    return max(float(np.quantile(speeds, TOP_SPEED, overwrite_input=True)), 1e-6 * largest)
 
 
-def gathered(velocity: Floats, friction: Floats) -> Bins:
-    """Return the samples (n,), in units of speed and force, gathered into at most 2 `BINS` + 1 bins."""
+def gathered(velocity: Floats, friction: Floats, speed: float = 1.0, force: float = 1.0) -> Bins:
+    """Return the samples (n,), over the units of speed and force, gathered into at most 2 `BINS` + 1 bins."""
     per_bin = BINS / np.log(1.0 / SLOWEST)
     n = velocity.size
     count, sum_x, sum_y, power = *np.zeros((3, 2 * BINS + 1)), 0.0
     for a, b in blocks(n):
-        x, y = velocity[a:b], friction[a:b]
+        x, y = velocity[a:b] / speed, friction[a:b] / force
         rank = 1.0 + np.floor(per_bin * np.log(np.maximum(np.abs(x), 0.5 * SLOWEST) / SLOWEST))
         place = BINS + (np.sign(x) * np.clip(rank, 0, BINS)).astype(np.int64)
         count += np.bincount(place, None, 2 * BINS + 1)
@@ -343,7 +351,9 @@ def best_shape(form: Form, ridge: Floats, bins: Bins) -> Shape:
     return Shape.at(*best)
 
 
-def on_all(form: Form, shape: Shape, ridge: Floats, velocity: Floats, friction: Floats) -> Floats:
+def on_all(
+    form: Form, shape: Shape, ridge: Floats, velocity: Floats, friction: Floats, speed: float, force: float
+) -> Floats:
     """Return the coefficients (m,) of a shape on all samples (n,), in units of speed and force.
 
     The ridge's square grows by s^2 / (n rms(f)^2), with s the standard deviation of the residual: what Bayes' rule
@@ -354,10 +364,11 @@ def on_all(form: Form, shape: Shape, ridge: Floats, velocity: Floats, friction: 
     n = velocity.size
     gram, moment, power = np.zeros((form.size, form.size)), np.zeros(form.size), 0.0
     for a, b in blocks(n):
-        columns = form.columns(velocity[a:b], shape)
+        x, y = velocity[a:b] / speed, friction[a:b] / force
+        columns = form.columns(x, shape)
         gram += columns @ columns.T / n
-        moment += columns @ friction[a:b] / n
-        power += float(friction[a:b] @ friction[a:b]) / n
+        moment += columns @ y / n
+        power += float(y @ y) / n
     first = solved(gram, moment, ridge)
     left = max(power - 2.0 * float(first @ moment) + float(first @ gram @ first), 0.0)
     noise = left / (n - form.size) / power if power > 0.0 else 0.0

@@ -45,29 +45,33 @@ def curves_learned(velocity_m_s: Floats, friction_N: Floats) -> dict[str, Static
 
 
 def frozen_score(
-    samples: Samples, predicted_N: Floats, theory_N: Floats | None, scored: Bools, curves: Mapping[str, StaticCurve]
+    samples: Samples,
+    predicted_N: Floats,
+    theory_N: Floats | metrics.Prediction | None,
+    scored: Bools,
+    curves: Mapping[str, StaticCurve],
 ) -> FrozenScore:
     """Score a model and its rivals on the same part of a record.
 
     Parameters
     ----------
     samples : n samples in order; the guess f[k-1] may look at the one before the part that is scored.
-    predicted_N, theory_N : (n,), N; theory_N None where the model has no theory.
+    predicted_N, theory_N : (n,), N; theory_N, or what returns it in a part, None where the model has no theory.
     scored : (n,), which samples count. Leave out those whose delay lines are not filled by measurement
         (`metrics.settled`); all rivals are judged on the same ones.
     curves : as `curves_learned` returns them.
     """
-    measured, velocity = samples.friction_N[scored], samples.velocity_m_s[scored]
+    measured, velocity = samples.friction_N, samples.velocity_m_s
     baselines: dict[str, float | None] = dict.fromkeys(RIVALS)
     for name in CURVES:
         if name in curves:
-            baselines[name] = metrics.nrmse(measured, curves[name].evaluate(velocity))
+            baselines[name] = metrics.nrmse(measured, curves[name].over(velocity), scored)
     baselines["persistence"] = metrics.nrmse_persistence(samples.friction_N, samples.restart | ~scored)
     if theory_N is not None:
-        baselines["theory"] = metrics.nrmse(measured, theory_N[scored])
+        baselines["theory"] = metrics.nrmse(measured, theory_N, scored)
     return FrozenScore(
         samples=int(np.count_nonzero(scored)),
-        spread_N=metrics.spread(measured),
-        nrmse=metrics.nrmse(measured, predicted_N[scored]),
+        spread_N=metrics.spread(measured, scored),
+        nrmse=metrics.nrmse(measured, predicted_N, scored),
         baselines=baselines,
     )

@@ -9,6 +9,7 @@ g is a sum over a wavelet basis, H and H1 are FIR filters, d is the theoretical 
 set of step sizes serves a 5 N seal and a 5 kN cylinder.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Protocol
 
@@ -212,6 +213,10 @@ class Model:
             known = np.isfinite(samples.temperature_degC)
             temperature[known] = samples.temperature_degC[known]
         return self.theory_scale * self.theory.evaluate(samples.velocity_m_s, pressure, temperature)
+
+    def theory_over(self, samples: Samples) -> Callable[[slice], Floats]:
+        """Return what gives `theoretical_friction` of a part of the samples, which needs no array of their length."""
+        return lambda part: self.theoretical_friction(samples[part])
 
     def theory_at(self, velocity_m_s: Floats, gauge_pressure_Pa: float, temperature_degC: float) -> Floats:
         """Return d(v; p, T) times `theory_scale` at one pressure and temperature, (n,), N; zeros without a theory."""

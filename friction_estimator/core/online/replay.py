@@ -65,7 +65,7 @@ class Replay:
     config : the configuration that was run, range and units as the first contact chose them.
     samples : the samples of all recordings that were predicted, in order.
     predicted_N : (n,), friction predicted before each measurement was used.
-    theory_N : (n,), the theoretical curve at the samples; None for Hammerstein.
+    theory_in : gives the theoretical curve at the samples of a part, N; None for Hammerstein.
     learned : (n,), where the estimator was allowed to learn.
     snapshot_index : (k,) and snapshots : the parameters after the sample of that index.
     health : the estimator's own counters.
@@ -76,13 +76,14 @@ class Replay:
     others : recordings that were predicted with what was learned.
     contact : how range and units were met; None where the whole record chose them.
     loads : what was learned of the unknown load terms.
-    deviation_N : (n,), standard deviation of each prediction, N; None for a fit, which predicts nothing beforehand.
+    deviation_N : (n,), standard deviation of each prediction, N; None where it was not asked for, and for a fit, which
+        predicts nothing beforehand.
     """
 
     config: Config
     samples: Samples
     predicted_N: Floats
-    theory_N: Floats | None
+    theory_in: metrics.Prediction | None
     learned: Bools
     snapshot_index: list[int]
     snapshots: list[Parameters]
@@ -142,7 +143,7 @@ class Replay:
         if not frozen.any():
             return None
         scored = frozen & metrics.settled(self.samples.restart, self.config.fir.order)
-        return frozen_score(self.samples, self.predicted_N, self.theory_N, scored, self.baseline_curves)
+        return frozen_score(self.samples, self.predicted_N, self.theory_in, scored, self.baseline_curves)
 
     @cached_property
     def _judgement(self) -> Judgement:
@@ -150,7 +151,9 @@ class Replay:
         frozen = ~self.learned
         scored = metrics.settled(self.samples.restart, self.config.fir.order)
         model = self.estimator.model
-        given = model.load.known_N(self.samples)
+        nothing = np.broadcast_to(0.0, (len(self.samples),))
+        given = model.load.known_N(self.samples) if model.load.known else nothing
+        learned = model.load.force_N(self.samples, self.parameters.load_weights) if model.load.size else nothing
         return Judgement(
             samples=self.samples,
             predicted_N=self.predicted_N,
@@ -159,7 +162,7 @@ class Replay:
             top_speed_m_s=max(abs(end) for end in model.basis.reach),
             has_loads=frozenset(part.name for part in (*model.load.known, *model.load.unknown)),
             given_N=given,
-            load_N=given + model.load.force_N(self.samples, self.parameters.load_weights),
+            load_N=given + learned if given is not nothing or learned is not nothing else nothing,
         )
 
     @cached_property
@@ -214,7 +217,7 @@ class Replay:
                 f"in all {count} samples: there is nothing to judge by; is it the right topic, axis or joint?"
             )
         predicted = self.predict(samples, extension)
-        theory = None if self.theory_N is None else self.estimator.model.theoretical_friction(samples)
+        theory = None if self.theory_in is None else self.estimator.model.theory_over(samples)
         return Judged(name, samples, predicted, frozen_score(samples, predicted, theory, scored, self.baseline_curves))
 
     def figures(self) -> dict[str, Any]:
@@ -222,9 +225,9 @@ class Replay:
         measured, predicted = self.samples.friction_N, self.predicted_N
         last = slice(len(self.samples) - max(2, len(self.samples) // 5), None)
         final = metrics.nrmse(measured[last], predicted[last])
-        end_rms = float(np.sqrt(np.mean(np.square(self.residual_N[last]))))
+        end_rms = float(np.sqrt(np.mean(np.square(measured[last] - predicted[last]))))
         frozen = self.frozen_score
-        theory = None if self.theory_N is None else metrics.nrmse(measured, self.theory_N)
+        theory = None if self.theory_in is None else metrics.nrmse(measured, self.theory_in)
         return {
             "sample_rate_hz": self.samples.sample_rate_hz,
             "duration_s": self.duration_s,
@@ -263,6 +266,7 @@ def replay(
     extension: Extension | None = None,
     freeze_after: float | None = None,
     starts: Sequence[int] = (0,),
+    deviation: bool = True,
     advance: Callable[[int], None] = lambda _: None,
 ) -> Replay:
     """Run the estimator over samples in order.
@@ -274,6 +278,7 @@ def replay(
     freeze_after : learn on this first fraction of the samples only, [0, 1]: at 0 the configuration's values are judged
         as they are; None learns throughout.
     starts : index of the first sample of each recording.
+    deviation : keep the standard deviation of each prediction.
     advance : told the number of samples just done.
 
     Raises
@@ -292,12 +297,12 @@ def replay(
     if freeze_after is not None:
         learn[round(freeze_after * n) :] = False
     estimator = Estimator(config, extension)
-    predicted, deviation = np.empty(n), np.empty(n)
+    predicted, spread = np.empty(n), np.empty(n) if deviation else None
     indices, snapshots = [], []
     seconds = 0.0
     for part in _blocks(n, starts):
         begin = time.perf_counter() - COMPILATION.seconds
-        predicted[part] = estimator.run(samples[part], learn[part], deviation[part])
+        predicted[part] = estimator.run(samples[part], learn[part], None if spread is None else spread[part])
         seconds += time.perf_counter() - COMPILATION.seconds - begin
         indices.append(part.stop - 1)
         snapshots.append(estimator.parameters)
@@ -307,7 +312,7 @@ def replay(
         config=config,
         samples=samples,
         predicted_N=predicted,
-        theory_N=estimator.model.theoretical_friction(samples) if config.is_parallel else None,
+        theory_in=estimator.model.theory_over(samples) if config.is_parallel else None,
         learned=learn,
         snapshot_index=indices,
         snapshots=snapshots,
@@ -319,7 +324,7 @@ def replay(
         outlook=outlook,
         contact=contact,
         loads=estimator.loads,
-        deviation_N=deviation,
+        deviation_N=spread,
     )
 
 

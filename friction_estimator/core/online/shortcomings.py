@@ -98,7 +98,8 @@ class Judgement:
     ----------
     samples : all n of them. predicted_N : (n,). learned, scored : (n,), learned from, and judged on.
     top_speed_m_s : of the range learned. has_loads : kinds of load that the model has already.
-    given_N : (n,), what was taken off as known load; load_N : (n,), that and the load learned beside the friction.
+    given_N : (n,), what was taken off as known load; load_N : (n,), that and the load learned beside the friction;
+        `NO_LOAD` of them where there is none.
     """
 
     samples: Samples
@@ -125,18 +126,15 @@ def in_motion(judged: Judgement) -> InMotion:
     """Return the score without the samples at standstill."""
     samples, standing = judged.samples, judged.standing
     moves = judged.scored & ~standing
-    measured = samples.friction_N[moves]
+    measured, velocity = samples.friction_N, samples.velocity_m_s
     curves: dict[str, StaticCurve] = {}
     fitted = judged.learned & ~standing
     if np.count_nonzero(fitted) and np.count_nonzero(moves) > 1:
-        curves = curves_learned(samples.velocity_m_s[fitted], samples.friction_N[fitted])
-    scores = {
-        name: metrics.nrmse(measured, curves[name].evaluate(samples.velocity_m_s[moves]))
-        for name in CURVES
-        if name in curves
-    }
+        whole = bool(fitted.all())  # then nothing is copied
+        curves = curves_learned(*(values if whole else values[fitted] for values in (velocity, measured)))
+    scores = {name: metrics.nrmse(measured, curves[name].over(velocity), moves) for name in CURVES if name in curves}
     share = float(np.mean(standing[judged.scored])) if judged.scored.any() else 0.0
-    return InMotion(int(moves.sum()), share, metrics.nrmse(measured, judged.predicted_N[moves]), scores)
+    return InMotion(int(moves.sum()), share, metrics.nrmse(measured, judged.predicted_N, moves), scores)
 
 
 def shortcomings(judged: Judgement) -> tuple[Shortcoming, ...]:
@@ -152,11 +150,12 @@ def shortcomings(judged: Judgement) -> tuple[Shortcoming, ...]:
     >>> [one.name for one in shortcomings(judged)]
     ['standstill']
     """
-    samples, scored, error, standing = judged.samples, judged.scored, judged.error_N, judged.standing
-    measured = samples.friction_N[scored]
+    samples, scored, standing = judged.samples, judged.scored, judged.standing
+    if not metrics.nrmse(samples.friction_N, judged.predicted_N, scored) > GOOD_NRMSE:
+        return ()
+    error = judged.error_N
     total = float(np.sum(np.square(error[scored])))
-    score = metrics.nrmse(measured, judged.predicted_N[scored])
-    if not score > GOOD_NRMSE or not total > 0.0:
+    if not total > 0.0:
         return ()
 
     def share(part: Bools) -> float:

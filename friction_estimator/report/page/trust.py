@@ -60,8 +60,8 @@ def errors_at_the_end(result: Replay) -> Errors:
 
     follows = ~samples.restart[part][1:]
     rivals = {"persistence": rms(np.diff(measured)[follows])}
-    if result.theory_N is not None:
-        rivals["theory"] = rms(measured - result.theory_N[part])
+    if result.theory_in is not None:
+        rivals["theory"] = rms(measured - result.theory_in(part))
     known = samples.friction_N[result.learned] if result.learned.any() else samples.friction_N
     rivals["mean"] = rms(measured - np.mean(known))
     if "coulomb_viscous" in result.baseline_curves:
@@ -213,9 +213,9 @@ def _stribeck(name: str, score: FrozenScore, q: Quantities) -> list[Finding]:
 
 def _theory(result: Replay) -> list[Finding]:
     """Judge the theoretical curve."""
-    if result.theory_N is None:
+    if result.theory_in is None:
         return []
-    alone = metrics.nrmse(result.samples.friction_N, result.theory_N)
+    alone = metrics.nrmse(result.samples.friction_N, result.theory_in)
     if alone < 1.0:
         return []
     text = (
