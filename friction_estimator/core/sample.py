@@ -111,6 +111,8 @@ def joined(recordings: Sequence[Samples]) -> Samples:
     """
     if not recordings:
         raise ValueError("no recording to join")
+    if len(recordings) == 1 and recordings[0].restart[:1].all():
+        return recordings[0]
     whole: dict[str, Any] = {}
     for field in fields(Samples):
         values = [getattr(part, field.name) for part in recordings]
@@ -130,6 +132,4 @@ def in_sequence(parts: list[Samples]) -> Samples:
     if not parts:
         empty = np.zeros(0)
         return Samples(np.zeros(0, np.int64), empty, empty, np.zeros(0, np.bool_))
-    whole = joined(parts)
-    whole.restart[:] = np.concatenate([part.restart for part in parts])
-    return whole
+    return replace(joined(parts), restart=np.concatenate([part.restart for part in parts]))

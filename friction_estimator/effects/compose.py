@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import brentq
 
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.sample import Floats
@@ -64,6 +63,8 @@ def resolved(effect: Effect, clean: Trace, every: int, seed: int) -> Effect:
             return effect.with_values(**{key.name: value})
         # Another key brings a share of its own: the size is that of both together.
     low, high = _bracket(effect, key, excess)
+    from scipy.optimize import brentq  # noqa: PLC0415 - slow to import
+
     root = float(brentq(excess, low, high, rtol=1e-4, maxiter=60))
     # Where the change jumps (a sample falls into a gap) the two sides differ: the nearer one, in ratio.
     sides = [v for v in (root * (1.0 - 2e-3), root, root * (1.0 + 2e-3)) if key.low <= v <= key.high]

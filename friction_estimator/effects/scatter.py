@@ -4,8 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import median_filter, uniform_filter1d
-from scipy.signal import savgol_filter
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from friction_estimator.core.sample import Bools, Floats, Ints
 from friction_estimator.effects.detection import DataView
@@ -63,7 +62,7 @@ def lattice_interval(values: Floats, step: float) -> tuple[float, float, float]:
     fitted = float(centred @ distinct) / energy
     rest = distinct - distinct.mean() - fitted * centred
     spread = float(np.sqrt(rest @ rest / max(rest.size - 2, 1) / energy))
-    reach = float(student.ppf(0.975, max(rest.size - 2, 1))) * spread + 1e-9 * fitted
+    reach = float(stdtrit(max(rest.size - 2, 1), 0.975)) * spread + 1e-9 * fitted
     return fitted, fitted - reach, fitted + reach
 
 
@@ -124,7 +123,7 @@ def noise_under(values: Floats, restart: Bools, blocks: int = 12) -> tuple[float
     if power <= 0.0:
         return None
     deviation = float(np.sqrt(power))
-    reach = float(np.hypot(student.ppf(0.975, blocks - 1) * error / (2.0 * deviation), SHORTENED * deviation))
+    reach = float(np.hypot(stdtrit(blocks - 1, 0.975) * error / (2.0 * deviation), SHORTENED * deviation))
     return deviation, deviation - reach, deviation + reach
 
 
@@ -161,6 +160,8 @@ def held_levels(values: Floats, restart: Bools, deviation: float) -> Floats:
 
 def smoothed(values: Floats, restart: Bools, window: int, order: int) -> Floats:
     """Return the channel smoothed by local polynomials, gap-free piece by piece, (n,)."""
+    from scipy.signal import savgol_filter  # noqa: PLC0415 - slow to import
+
     out = values.copy()
     edges = np.append(np.flatnonzero(restart), values.size)
     for a, b in pairwise(edges):

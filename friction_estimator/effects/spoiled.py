@@ -1,7 +1,6 @@
 """Spoiled samples of the force channel: held values and spikes."""
 
 import numpy as np
-from scipy.stats import binom
 
 from friction_estimator.core.quantities import FORCE, quantity
 from friction_estimator.core.sample import Bools, Ints
@@ -191,6 +190,8 @@ class Outliers(Effect):
         count = int(hit.sum())
         power = float(np.square(innovation[hit]).sum()) / max(int(used.sum()), 1)
         total = float(np.mean(np.square(residual[used])))
+        from scipy.stats import binom  # noqa: PLC0415 - slow to import
+
         p_value = float(binom.sf(count - 1, residual.size, SPIKE_CHANCE))
         if count < FEWEST_SPIKES or p_value > 1e-4 or power < LEAST_SHARE * total:
             return None

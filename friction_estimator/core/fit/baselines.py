@@ -18,14 +18,14 @@ All signs are free. Fv is negative on the falling branch of a Stribeck curve, dF
 slowly, and a negative Fc says that the sign of the data is wrong: clipping it at 0 would hide that and fit worse.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from types import MappingProxyType
 
 import numpy as np
-from scipy.optimize import least_squares
 
+from friction_estimator.core import sums
 from friction_estimator.core.errors import UnanswerableError
 from friction_estimator.core.metrics import Prediction, nrmse
 from friction_estimator.core.sample import Floats
@@ -290,14 +290,17 @@ def top_speed(velocity_m_s: Floats) -> float:
 
     No sample is faster than a million times of it, so that squares of their ratio stay finite.
     """
-    speeds = np.abs(velocity_m_s)
-    moving = speeds > np.finfo(np.float64).tiny
-    if not moving.all():
-        speeds = speeds[moving]
-    if not speeds.size:
+
+    def speeds() -> Iterator[Floats]:
+        for part in sums.parts(velocity_m_s.size):
+            piece = np.abs(velocity_m_s[part])
+            yield piece[piece > np.finfo(np.float64).tiny]
+
+    n = sum(piece.size for piece in speeds())
+    if not n:
         return 0.0
-    largest = float(np.max(speeds))
-    return max(float(np.quantile(speeds, TOP_SPEED, overwrite_input=True)), 1e-6 * largest)
+    largest = max(float(np.max(piece, initial=0.0)) for piece in speeds())
+    return max(sums.upper_quantile(speeds(), n, TOP_SPEED), 1e-6 * largest)
 
 
 def gathered(velocity: Floats, friction: Floats, speed: float = 1.0, force: float = 1.0) -> Bins:
@@ -321,6 +324,8 @@ def gathered(velocity: Floats, friction: Floats, speed: float = 1.0, force: floa
 
 def best_shape(form: Form, ridge: Floats, bins: Bins) -> Shape:
     """Return the shape of least error: the grid's best points refined, over all exponents."""
+    from scipy.optimize import least_squares  # noqa: PLC0415 - slow to import
+
     weight = np.sqrt(bins.share)
     unit = float(np.sqrt(bins.scatter + np.sum(bins.share * bins.y**2))) or 1.0  # errors relative to the rms friction
     y, scatter = bins.y / unit, np.sqrt(bins.scatter) / unit

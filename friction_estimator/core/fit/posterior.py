@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
-from scipy.optimize import minimize
 
 from friction_estimator.core.fit.moments import Moments
 from friction_estimator.core.model.prior import Prior
@@ -128,6 +127,8 @@ class Posterior:
 
     def minimum(self, taps: Floats) -> Floats:
         """Return theta at the local minimum that Newton's method reaches from FIR taps `taps`, (q,)."""
+        from scipy.optimize import minimize  # noqa: PLC0415 - slow to import
+
         q = self.moments.taps
         if q == 1 and self.moments.weights == 0:
             return self.eliminate(taps)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from scipy.optimize import nnls
 
 from friction_estimator.core.fit.baselines import (
     EXPONENTS,
@@ -110,6 +109,8 @@ def _tried(bins: Bins, place: tuple[float, float], exponent: float, noise: float
     where it is negative, Stribeck term and viscous slope at positive and at negative velocity.
     """
     x = bins.x
+    from scipy.optimize import nnls  # noqa: PLC0415 - slow to import
+
     sign = np.tanh(x / place[0])
     fall = sign * np.exp(-((np.abs(x) / place[1]) ** exponent))
     ahead = x > 0.0

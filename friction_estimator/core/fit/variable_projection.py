@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import eigh
-from scipy.optimize import minimize
 
 from friction_estimator.core.fit.moments import Moments, solve
 from friction_estimator.core.sample import Floats
@@ -34,6 +33,8 @@ def refine(moments: Moments, taps: Floats, options: Any = NEWTON) -> Floats:
     """
     if moments.taps == 1:
         return moments.eliminate(np.ones(1))
+    from scipy.optimize import minimize  # noqa: PLC0415 - slow to import
+
     memory: dict[bytes, Floats] = {}
 
     def eliminated(a: Floats) -> Floats:
