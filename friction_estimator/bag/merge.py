@@ -19,10 +19,15 @@ class Events:
 
     stream: NDArray[np.int8]
     stamp_ns: Ints
+    log_time_ns: Ints
     value: Floats
 
     def __len__(self) -> int:
         return int(self.value.size)
+
+    def of(self, name: str) -> "Part":
+        """Return the messages of one input."""
+        return Part(self.stamp_ns, self.log_time_ns, self.value).where(self.stream == STREAMS.index(name))
 
 
 @dataclass(frozen=True)
@@ -107,11 +112,8 @@ def merged(parts: dict[str, Part]) -> Events:
     found = [parts[name] for name in names]
     order = recorded_order(*(part.log_time_ns for part in found))
     number = [np.full(len(part), STREAMS.index(name), np.int8) for name, part in zip(names, found, strict=True)]
-    return Events(
-        np.concatenate(number)[order],
-        np.concatenate([part.stamp_ns for part in found])[order],
-        np.concatenate([part.value for part in found])[order],
-    )
+    whole = joined(found)
+    return Events(np.concatenate(number)[order], whole.stamp_ns[order], whole.log_time_ns[order], whole.value[order])
 
 
 def recorded_order(*log_times_ns: Ints) -> NDArray[np.intp]:

@@ -91,18 +91,19 @@ class Reading:
     ) -> None:
         self._config = config or InputConfig()
         self._progress = progress or (lambda _read, _total: None)
+        self._asked = dict(topics or {})
         self._again = partial(read_recording, path, config, topics)
         self._source = Source(path)
         try:
-            self._choose(topics or {})
+            self._choose()
         except BaseException:
             self._source.close()
             raise
 
-    def _choose(self, topics: Mapping[str, str]) -> None:
+    def _choose(self) -> None:
         source, config = self._source, self._config
         probe = probe_of(source, config)
-        self._chosen = assign(str(source.path), source.topics, topics, config.mode, config.velocity_from, probe)
+        self._chosen = assign(str(source.path), source.topics, self._asked, config.mode, config.velocity_from, probe)
         joint = _joint(source, self._chosen.topics["friction"], config)
         self.motion, self._why_motion = recorded_motion(source, self._chosen.topics, config, joint)
         self._listeners = {
@@ -176,7 +177,9 @@ class Reading:
         if self.motion == ROTARY:
             notes.append(f"the drive is rotary: {self._why_motion}")
         streams, more = _concluded(str(self.path), self._listeners, self._chosen, self._config)
-        return Outline(self.path, streams, self._source.topics, self.motion, (*notes, *more), self._again)
+        told = (*notes, *more)
+        how = self._config, self._asked, self._again
+        return Outline(self.path, streams, self._source.topics, self.motion, told, *how)
 
 
 def _concluded(

@@ -9,6 +9,7 @@ from friction_estimator.bag.merge import Events, Part, merged
 from friction_estimator.bag.source import Topic
 from friction_estimator.core.quantities import LINEAR
 from friction_estimator.core.sample import Floats, Ints
+from friction_estimator.core.settings.groups import InputConfig
 
 
 @dataclass(frozen=True)
@@ -100,13 +101,21 @@ class Recording:
 
 @dataclass(frozen=True)
 class Outline:
-    """A recording whose numbers were read and not kept; `streams` says what was found."""
+    """A recording whose numbers were read and not kept.
+
+    Attributes
+    ----------
+    streams : what was found. config, asked : how it was read: the inputs, and the topics that the user named.
+    again : reads it with its numbers.
+    """
 
     path: Path
     streams: Mapping[str, Heard]
     topics: tuple[Topic, ...]
     motion: str
     notes: tuple[str, ...]
+    config: InputConfig
+    asked: Mapping[str, str]
     again: Callable[[], Recording]
 
     def whole(self) -> Recording:
@@ -132,6 +141,14 @@ class Described(Protocol):
     @property
     def frame_id(self) -> str:
         """Of the first message."""
+
+    @property
+    def missing(self) -> int:
+        """Messages without its value."""
+
+    @property
+    def stamped(self) -> bool:
+        """Whether the type has a header."""
 
     def __len__(self) -> int: ...
 

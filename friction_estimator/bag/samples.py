@@ -87,9 +87,8 @@ def to_samples(recording: Recording, config: Config) -> Admitted:
 
     Raises UnanswerableError where no sample is usable; the message counts the reasons.
     """
-    streams = recording.streams
-    topics = {name: stream.topic for name, stream in streams.items()}
-    admission = Admission(config, streams, _is_one_message(topics))
+    topics = {name: stream.topic for name, stream in recording.streams.items()}
+    admission = Admission(config, topics, _is_one_message(topics))
     admission.push(recording.events())
     return admission.admitted(recording)
 

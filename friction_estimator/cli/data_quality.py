@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from friction_estimator.bag.recording import Recorded
-from friction_estimator.bag.statistics import StreamStatistics, describe
+from friction_estimator.bag.statistics import StreamStatistics, figures_of
 from friction_estimator.core.quantities import FORCE, POSITION, VELOCITY, Quantities
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.text import number
@@ -24,11 +24,11 @@ def data_quality(recordings: Sequence[Recorded], config: Config, q: Quantities, 
     rows: list[Sequence[object]] = [HEAD]
     notes: list[str] = []
     for place_in_order, recording in enumerate(recordings, start=1):
+        figures = figures_of(recording, config.sync)
         place = f"{place_in_order}. " if len(recordings) > 1 else ""
-        for name, stream in recording.whole().streams.items():
-            figures = describe(stream, config.sync)
+        for name, stream in recording.streams.items():
             stamps = "of the header" if stream.stamped else "none: time of recording"
-            rows.append((place + name, stream.topic, len(stream), *_figures(figures, stamps, name, q)))
+            rows.append((place + name, stream.topic, len(stream), *_figures(figures[name], stamps, name, q)))
         notes += [f"{recording.path}: {note}." for note in recording.notes]
     refused = ", ".join(f"{count} {reason.replace('_', ' ')}" for reason, count in counts["rejected"].items())
     used = f"{counts['used']} samples used of {counts['read']}; refused: {refused or 'none'}."

@@ -9,10 +9,11 @@ from friction_estimator.cli.progress import progress
 from friction_estimator.cli.recorded import settled
 from friction_estimator.core.errors import FrictionEstimatorError, InputError, UnanswerableError, about, sentence
 from friction_estimator.core.quantities import FORCE, POSITION, VELOCITY, Quantities, quantity
+from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.groups import AUTO
 
 if TYPE_CHECKING:
-    from friction_estimator.bag.recording import Recording, Stream
+    from friction_estimator.bag.recording import Described, Recorded
     from friction_estimator.bag.samples import Admitted
     from friction_estimator.bag.source import Source, Topic
     from friction_estimator.bag.statistics import StreamStatistics
@@ -25,6 +26,10 @@ UNITS = {"velocity": VELOCITY, "friction": FORCE, "pressure": "Pa", "temperature
 
 LEAST_SPEED_RATIO = 3.0
 """Fastest over slowest usual speed of a direction, below which the curve between them and rest is not seen."""
+
+MOST_ASSESSED = 1_000_000
+"""Samples from which is said what can be identified: what a drive excites shows within them, and the features of
+each take 300 bytes."""
 
 COARSE = 1e-4
 """Share of the top speed above which a step of a quantised velocity is worth a line."""
@@ -63,10 +68,9 @@ def run(args: argparse.Namespace) -> int:
 def _run(args: argparse.Namespace, output: common.Output) -> int:
     from friction_estimator.bag.joint_arrays import CHOOSE_JOINT  # noqa: PLC0415
     from friction_estimator.bag.joint_survey import survey  # noqa: PLC0415
-    from friction_estimator.bag.read import read_recording  # noqa: PLC0415 - `--help` needs none of them
-    from friction_estimator.bag.samples import to_samples  # noqa: PLC0415
+    from friction_estimator.bag.samples import read_samples  # noqa: PLC0415 - `--help` needs none of them
     from friction_estimator.bag.source import Source  # noqa: PLC0415
-    from friction_estimator.bag.statistics import describe  # noqa: PLC0415
+    from friction_estimator.bag.statistics import read_described  # noqa: PLC0415
 
     config = common.config_from(args)
     if args.joint == joints.ALL:
@@ -78,7 +82,7 @@ def _run(args: argparse.Namespace, output: common.Output) -> int:
     result: dict[str, Any] = {"schema": SCHEMA, "bag": args.bag, "topics": [], "inputs": {}, "problem": None}
     result["joint_states"] = []
     inputs: dict[str, list[str]] = {}
-    recording: Recording | None = None
+    recording: Recorded | None = None
     failure: FrictionEstimatorError | None = None
     said: dict[str, list[str]] = {}
     try:
@@ -87,13 +91,14 @@ def _run(args: argparse.Namespace, output: common.Output) -> int:
             found = survey(source, progress=advance)
             motions = {name: _motion(source, config, name) for each in found for name in each.joints}
         with about(args.bag), progress("reading", unit="messages") as advance:
-            recording = read_recording(args.bag, config.input, common.topics_from(args), advance)
+            chosen = common.topics_from(args)
+            recording, figures = read_described(args.bag, config.input, config.sync, chosen, advance)
         config = settled(config, [recording])
         quantities = common.quantities_from(args, config)
         result["motion"], result["units"] = recording.motion, quantities.names
         for name, stream in recording.streams.items():
             inputs.setdefault(stream.topic, []).append(name)
-            result["inputs"][name] = _input(name, stream, describe(stream, config.sync), quantities)
+            result["inputs"][name] = _input(name, stream, figures[name], quantities)
             if stream.joint:  # a position of the drive moves as the drive does
                 motions[stream.joint] = recording.motion
         result["notes"] = list(recording.notes)
@@ -107,10 +112,15 @@ def _run(args: argparse.Namespace, output: common.Output) -> int:
     result["topics"] = [_topic(topic, inputs.get(topic.name, [])) for topic in topics]
     if recording is not None:
         try:
-            with about(args.bag):
-                admitted = to_samples(recording, config)
+            with about(args.bag), progress("pairing", unit="messages") as advance:
+                _, admitted = read_samples(args.bag, config, chosen, advance)
                 result["pairing"] = _pairing(admitted, quantities.si.position)
-                result["excitation"], can, cannot = _assess(admitted, config)
+                whole, samples = len(admitted.samples), admitted.samples.beginning(MOST_ASSESSED)
+                del admitted
+                result["excitation"], can, cannot = _assess(samples, config)
+                if result["excitation"] is not None and whole > len(samples):
+                    told = f"the drive is described by the first {len(samples)} of {whole} samples"
+                    result["excitation"]["notes"].insert(0, told)
                 said = {"notes": (result["excitation"] or {}).get("notes", []), "can": can, "cannot": cannot}
                 worded = {title: [quantities.si.worded(text) for text in texts] for title, texts in said.items()}
                 if result["excitation"] is not None:
@@ -137,7 +147,7 @@ def _motion(source: "Source", config: "Config", joint: str) -> str:
     return joint_motion(source, joint)[0] if config.input.motion == AUTO else config.input.motion
 
 
-def _input(name: str, stream: "Stream", figures: "StreamStatistics", quantities: Quantities) -> dict[str, Any]:
+def _input(name: str, stream: "Described", figures: "StreamStatistics", quantities: Quantities) -> dict[str, Any]:
     unit = quantities.si.unit(UNITS[name])
     facts = {"topic": stream.topic, "type": stream.message_type, "unit": unit, "stamped": stream.stamped}
     return facts | {"frame_id": stream.frame_id, "joint": stream.joint} | asdict(figures)
@@ -158,7 +168,7 @@ def _pairing(admitted: "Admitted", unit: str) -> dict[str, Any]:
     }
 
 
-def _assess(admitted: "Admitted", config: "Config") -> tuple[dict[str, Any] | None, list[str], list[str]]:
+def _assess(samples: Samples, config: "Config") -> tuple[dict[str, Any] | None, list[str], list[str]]:
     """Return the facts about the drive, and what can and cannot be identified, for `Quantities.worded`."""
     from friction_estimator.bag.statistics import moving_speeds  # noqa: PLC0415
     from friction_estimator.core.intake.agreement import velocity_over_position_rate  # noqa: PLC0415
@@ -166,7 +176,6 @@ def _assess(admitted: "Admitted", config: "Config") -> tuple[dict[str, Any] | No
     from friction_estimator.diagnosis.record import build_record  # noqa: PLC0415
     from friction_estimator.effects.scatter import lattice_step  # noqa: PLC0415
 
-    samples = admitted.samples
     can: list[str] = []
     cannot = [
         f"{what} (no {name} channel)" for name, what in _CHANNELS.items() if getattr(samples, _FIELDS[name]) is None

@@ -64,6 +64,14 @@ class Samples:
         cut: dict[str, Any] = {f.name: None if (v := getattr(self, f.name)) is None else v[part] for f in fields(self)}
         return replace(self, **cut)
 
+    def beginning(self, most: int) -> "Samples":
+        """Return the first samples, at most so many, in arrays of their own where there are more."""
+        if len(self) <= most:
+            return self
+        first = {f.name: getattr(self[:most], f.name) for f in fields(self)}
+        own: dict[str, Any] = {name: None if values is None else values.copy() for name, values in first.items()}
+        return Samples(**own)
+
     @property
     def time_s(self) -> Floats:
         """Time since the first sample, s."""
