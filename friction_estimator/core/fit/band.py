@@ -17,11 +17,12 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from friction_estimator.compiled import njit
+from friction_estimator.core import sums
 from friction_estimator.core.fit.posterior import COLOUR
 from friction_estimator.core.model.basis import Basis
 from friction_estimator.core.model.prior import Prior
 from friction_estimator.core.model.structure import Model
-from friction_estimator.core.sample import Bools, Floats, Ints, Samples
+from friction_estimator.core.sample import Bools, Floats, Samples
 
 COUNT, POWER, PRODUCT = range(3)
 """Columns of a table of running errors: samples in the cell, mean e[k]^2 and mean e[k] e[k-1], normalised."""
@@ -120,18 +121,30 @@ def usual_variance(errors, cell, unknown):  # type: ignore[no-untyped-def] # pra
 
 
 @njit(cache=True)
-def _note_errors(errors, cell, error, use, restart):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Fill a table of running errors from a whole record."""
-    for k in range(error.size):
+def _note_errors(errors, cell, error, use, restart, first):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Fill a table of running errors from the samples of a record, `first` and those behind it."""
+    for k in range(first, error.size):
         if use[k]:
             follows = k > 0 and use[k - 1] and not restart[k]
             note_error(errors, cell[k], error[k], error[k - 1] if follows else 0.0, follows)
 
 
-def errors_by_cell(basis: Basis, cell: Ints, error: Floats, use: Bools, restart: Bools) -> Floats:
-    """Return the table of running errors, (cell_count, 3), of a record's errors (n,) in normalised units."""
+def errors_by_cell(
+    basis: Basis, velocity_m_s: Floats, error: Callable[[slice], Floats], use: Bools, restart: Bools
+) -> Floats:
+    """Return the table of running errors, (cell_count, 3).
+
+    Parameters
+    ----------
+    velocity_m_s : (n,). error : gives the errors in a part of the record, in normalised units.
+    use, restart : (n,), the samples that count, and those that do not follow the one before.
+    """
     errors = np.zeros((basis.cell_count, 3))
-    _note_errors(errors, cell, np.ascontiguousarray(error), use, restart)
+    for part in sums.parts(velocity_m_s.size):
+        first = min(part.start, 1)  # the one before comes along
+        here = slice(part.start - first, part.stop)
+        cell = basis.cells(velocity_m_s[here])
+        _note_errors(errors, cell, np.ascontiguousarray(error(here)), use[here], restart[here], first)
     return errors
 
 

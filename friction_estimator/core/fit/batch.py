@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from friction_estimator.core import sums
 from friction_estimator.core.fit.band import Curve, errors_by_cell, median_conditions, static_curve
 from friction_estimator.core.fit.load_report import LearnedLoad, learned_loads
 from friction_estimator.core.fit.moments import gather, with_past
@@ -148,18 +149,23 @@ def fit_batch(
     predicted = predict(samples, config, parameters, extension)
     used = np.broadcast_to(np.asarray(use, np.bool_), (len(samples),)) & model.basis.inside(samples.velocity_m_s)
     used = used & with_past(samples.restart, taps)
-    error = samples.friction_N - predicted
+    measured = samples.friction_N
+
+    def error(part: slice) -> Floats:
+        return measured[part] - predicted[part]
+
+    squares = (np.square(error(part)[used[part]]) for part in sums.parts(len(samples)))
     freedom = max(1.0, moments.count - posterior.degrees_of_freedom(theta))
     return BatchFit(
         model=model,
         posterior=posterior,
         parameters=parameters,
         predicted_N=predicted,
-        nrmse=nrmse(samples.friction_N[used], predicted[used]),
-        residual_rms_N=float(np.sqrt(np.sum(np.square(error[used])) / freedom)),
+        nrmse=nrmse(measured, predicted, used),
+        residual_rms_N=float(np.sqrt(sums.total(squares, int(np.count_nonzero(used))) / freedom)),
         start_costs=tuple(posterior.cost(end) for end in ends),
         errors=errors_by_cell(
-            model.basis, model.basis.cells(samples.velocity_m_s), error / model.unit_N, used, samples.restart
+            model.basis, samples.velocity_m_s, lambda part: error(part) / model.unit_N, used, samples.restart
         ),
     )
 

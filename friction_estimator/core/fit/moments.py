@@ -208,8 +208,7 @@ def accumulate(model: Model, blocks: Iterable[Inputs], restart: Bools, used: Boo
     stride = weights + (1 if theory_taps else 0)
     total = products(model)
     count = int(np.count_nonzero(used))
-    first_of = _segment_starts(restart)
-    joined = used[1:] & used[:-1] & (first_of[1:] == first_of[:-1])
+    joined = used[1:] & used[:-1] & ~restart[1:]
     starts = used & ~np.concatenate([[False], joined])
     ends = used & ~np.concatenate([joined, [False]])
 
@@ -220,14 +219,16 @@ def accumulate(model: Model, blocks: Iterable[Inputs], restart: Bools, used: Boo
     small = np.zeros((others, others))
     noise = np.zeros(model.load.size)
     dense = np.zeros((0, stride))
-    begin = 0
+    begin = segment = 0
     for inputs in blocks:
         place = np.arange(begin, begin + inputs.target.size)
+        first_of = _segment_starts(place, restart[place[0] : place[-1] + 1], segment)
+        segment = int(first_of[-1])
         past = dense[dense.shape[0] - min(taps - 1, dense.shape[0]) :]
         dense = np.concatenate([past, _dense(inputs, weights, stride)])
         oldest = begin - past.shape[0]
         begin += inputs.target.size
-        rows = [dense[np.maximum(place - i, first_of[place]) - oldest] for i in range(taps)]
+        rows = [dense[np.maximum(place - i, first_of) - oldest] for i in range(taps)]
         keep = used[place, None]
         now = rows[0] * keep
         plain = np.column_stack([inputs.extension, inputs.target]) * keep
@@ -284,10 +285,9 @@ def with_past(restart: Bools, taps: int) -> Bools:
     return settled(begins, taps - 1)
 
 
-def _segment_starts(restart: Bools) -> Ints:
-    """Return for each sample the index of the first of its segment, (n,)."""
-    index = np.arange(restart.size)
-    return np.maximum.accumulate(np.where(restart, index, 0))
+def _segment_starts(place: Ints, restart: Bools, before: int) -> Ints:
+    """Return for each sample of a block the index of the first of its segment, (n,); `before` the block it is that."""
+    return np.maximum.accumulate(np.where(restart, place, before))
 
 
 def _dense(inputs: Inputs, weights: int, stride: int) -> Floats:
