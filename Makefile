@@ -47,10 +47,11 @@ picture: $(VENV)/.installed
 	$(BIN)/friction_estimator replay bags/demo --out build/picture
 	cp build/picture/figures/friction_map.png docs/images/friction_map.png
 
-# Speed beside C, numpy, padasip, other ROS nodes and on two processes; an hour, with nothing beside it.
+# Speed beside C, numpy, padasip, rosbags, other ROS nodes and on two processes, and memory; an hour, with nothing beside it.
 bench: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r benchmarks/kernels/requirements.txt
 	$(BIN)/python benchmarks/kernels/run.py
+	$(BIN)/python benchmarks/reading/run.py
 	$(BIN)/python benchmarks/many/run.py
 	$(BIN)/python benchmarks/node/run.py
 

@@ -18,6 +18,12 @@ ROOMS = {
     "benchmarks/identification/README.md": [CORE, "friction_estimator/rig", "benchmarks/identification"],
     "benchmarks/robustness/table_20000.md": [f"{CORE}/online", f"{CORE}/model", "benchmarks/robustness"],
     "benchmarks/kernels/table.md": [f"{CORE}/online", f"{CORE}/model", "benchmarks/kernels"],
+    "benchmarks/reading/README.md": [
+        "friction_estimator/bag",
+        f"{CORE}/intake",
+        f"{CORE}/online",
+        "benchmarks/reading",
+    ],
     "benchmarks/node/table.md": ["friction_estimator/ros", f"{CORE}/online", "benchmarks/node"],
     "benchmarks/diagnosis/README.md": ["friction_estimator/diagnosis", "friction_estimator/effects"],
     "benchmarks/load/README.md": [

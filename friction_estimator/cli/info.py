@@ -27,9 +27,9 @@ UNITS = {"velocity": VELOCITY, "friction": FORCE, "pressure": "Pa", "temperature
 LEAST_SPEED_RATIO = 3.0
 """Fastest over slowest usual speed of a direction, below which the curve between them and rest is not seen."""
 
-MOST_ASSESSED = 1_000_000
+MOST_ASSESSED = 500_000
 """Samples from which is said what can be identified: what a drive excites shows within them, and the features of
-each take 300 bytes."""
+each take 450 bytes."""
 
 COARSE = 1e-4
 """Share of the top speed above which a step of a quantised velocity is worth a line."""

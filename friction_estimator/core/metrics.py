@@ -187,5 +187,5 @@ def settled(restart: Bools, memory: int) -> Bools:
     """
     out = np.ones(restart.size, np.bool_)
     for lag in range(min(memory, restart.size)):
-        out[lag:] &= ~restart[: restart.size - lag]
+        np.greater(out[lag:], restart[: restart.size - lag], out=out[lag:])  # and not
     return out

@@ -293,8 +293,9 @@ def replay(
     n = len(samples)
     if freeze_after is not None and not 0.0 <= freeze_after <= 1.0:
         raise ConfigError(f"freeze-after is {freeze_after:g}: give the fraction of the record to learn on, 0 to 1")
-    learn = np.full(n, config.model.adapt)
+    learn = np.broadcast_to(np.bool_(config.model.adapt), (n,))
     if freeze_after is not None:
+        learn = learn.copy()
         learn[round(freeze_after * n) :] = False
     estimator = Estimator(config, extension)
     predicted, spread = np.empty(n), np.empty(n) if deviation else None

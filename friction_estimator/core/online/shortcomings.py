@@ -125,10 +125,10 @@ class Judgement:
 def in_motion(judged: Judgement) -> InMotion:
     """Return the score without the samples at standstill."""
     samples, standing = judged.samples, judged.standing
-    moves = judged.scored > standing  # and not standing
+    moves = judged.scored > standing if standing.any() else judged.scored  # greater: and not
     measured, velocity = samples.friction_N, samples.velocity_m_s
     curves: dict[str, StaticCurve] = {}
-    fitted = judged.learned > standing
+    fitted = judged.learned > standing if standing.any() else judged.learned
     if np.count_nonzero(fitted) and np.count_nonzero(moves) > 1:
         whole = bool(fitted.all())  # then nothing is copied
         curves = curves_learned(*(values if whole else values[fitted] for values in (velocity, measured)))

@@ -1,0 +1,199 @@
+"""Reading beside rosbags' own loop, memory and speed of the verbs on a long recording, and start-up.
+
+    python benchmarks/reading/run.py [--samples 10000000] [--pairs 200000]
+
+Every time is processor time, the least of some runs; every ratio is of one run of this script. Memory is the largest
+resident set of the process (`ru_maxrss`). Writes README.md beside this file.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from rosbags.highlevel import AnyReader
+
+from friction_estimator.bag.read import read_recording
+from friction_estimator.bag.write import write_samples
+from friction_estimator.core.sample import NS_PER_S, Samples
+from friction_estimator.output.target import write_text
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+import provenance
+
+HERE = Path(__file__).parent
+PYTHON = sys.executable
+PROGRAM = [PYTHON, "-m", "friction_estimator"]
+DEMO = HERE.parents[1] / "bags/demo"
+RUNS = 3
+
+LOOP = """
+import json, sys, time
+from friction_estimator.bag.samples import read_samples
+from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.core.online.first_contact import meet
+from friction_estimator.core.settings.config import Config
+config = Config.from_mapping({"model.law": sys.argv[2]})
+samples = read_samples(sys.argv[1], config)[1].samples
+met = meet(config, samples).config
+Estimator(met).run(samples[:5000])
+begin = time.process_time()
+Estimator(met).run(samples)
+print(json.dumps(time.process_time() - begin))
+"""
+
+
+def driven(n: int) -> Samples:
+    """Return a shaft that swings at 0.5 Hz, 1 kHz, with friction of Coulomb, Stribeck and viscous kind and noise."""
+    k = np.arange(n)
+    time_s = 1e-3 * k
+    velocity = 0.05 * np.sin(np.pi * time_s) * (1.0 + 0.5 * np.sin(0.2 * time_s))
+    friction = 12.0 * np.tanh(velocity / 0.002) * (1.0 + 0.4 * np.exp(-((velocity / 0.01) ** 2))) + 80.0 * velocity
+    friction += 0.1 * np.random.default_rng(1).standard_normal(n)
+    return Samples(1_700_000_000 * NS_PER_S + 1_000_000 * k, velocity, friction, k == 0)
+
+
+def rosbags_loop(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Return stamps and values of velocity and friction, read as rosbags' documentation reads them."""
+    rows: dict[str, list[tuple[int, float]]] = {"/velocity": [], "/friction": []}
+    with AnyReader([path]) as reader:
+        wanted = [connection for connection in reader.connections if connection.topic in rows]
+        for connection, _, raw in reader.messages(connections=wanted):
+            message = reader.deserialize(raw, connection.msgtype)
+            stamp = message.header.stamp.sec * NS_PER_S + message.header.stamp.nanosec
+            own = message.twist.linear.x if connection.topic == "/velocity" else message.wrench.force.x
+            rows[connection.topic].append((stamp, own))
+    return np.array(rows["/velocity"]), np.array(rows["/friction"])
+
+
+def least(work: object, runs: int = RUNS) -> float:
+    """Return the least processor time of a call, s."""
+    times = []
+    for _ in range(runs):
+        begin = time.process_time()
+        work()  # type: ignore[operator]
+        times.append(time.process_time() - begin)
+    return min(times)
+
+
+def reading(folder: Path, pairs: int) -> list[list[str]]:
+    """Return rows: storage, ours, rosbags', ratio, bound."""
+    rows = []
+    for storage, bound in (("mcap", "25"), ("sqlite3", "12")):
+        path = folder / storage
+        write_samples(path, driven(pairs), storage)
+        ours = least(lambda path=path: read_recording(path))
+        theirs = least(lambda path=path: rosbags_loop(path), 1)
+        with AnyReader([path]):
+            pass
+        opened = least(lambda path=path: AnyReader([path]).open())
+        figures = [f"{1e6 * figure / pairs:.3f}" for figure in (ours, theirs, opened)]
+        rows.append([storage, *figures, f"{theirs / ours:.1f}", bound])
+    return rows
+
+
+def child(words: list[str], out: Path) -> tuple[float, float]:
+    """Run a process; return its processor time, s, and its largest resident set, MB."""
+    script = (
+        "import json,resource,subprocess,sys;subprocess.run(sys.argv[2:],check=True,stdout=subprocess.DEVNULL,"
+        "stderr=subprocess.DEVNULL);u=resource.getrusage(resource.RUSAGE_CHILDREN);"
+        "open(sys.argv[1],'w').write(json.dumps([u.ru_utime+u.ru_stime,u.ru_maxrss*1024/1e6]))"
+    )
+    subprocess.run([PYTHON, "-c", script, str(out), *words], check=True)
+    cpu, memory = json.loads(out.read_text())
+    return cpu, memory
+
+
+def verbs(folder: Path, samples: int) -> list[list[str]]:
+    """Return rows: verb, time, samples a second, share of the bare loop's, memory, bytes a sample."""
+    path, out = folder / "long", folder / "figures.json"
+    write_samples(path, driven(samples))
+    rows = []
+    for law in ("rls", "lms"):
+        printed = subprocess.run([PYTHON, "-c", LOOP, str(path), law], check=True, capture_output=True, text=True)
+        loop = float(printed.stdout)
+        rows.append([f"bare loop, {law}", f"{loop:.1f}", f"{samples / loop:.3g}", "1", "-", "-"])
+        rows.append(_verb([*PROGRAM, "replay", str(path), "--law", law], f"replay, {law}", samples, loop, out))
+    rows.append(_verb([*PROGRAM, "info", str(path)], "info", samples, None, out))
+    rows.append(_verb([*PROGRAM, "identify", str(path), "--fit-only"], "identify --fit-only", samples, None, out))
+    return rows
+
+
+def _verb(words: list[str], name: str, samples: int, loop: float | None, out: Path) -> list[str]:
+    start, base = child([*words[:4], str(DEMO), *words[5:]], out)
+    cpu, memory = child(words, out)
+    share = "-" if loop is None else f"{loop / (cpu - start):.2f}"
+    per_sample = f"{1e6 * (memory - base) / samples:.0f}"
+    return [name, f"{cpu:.1f}", f"{samples / (cpu - start):.3g}", share, f"{memory:.0f}", per_sample]
+
+
+def start_up() -> list[list[str]]:
+    """Return rows: command, time, ratio to the import of rosbags and numpy, bound."""
+    wanted = {
+        "import rosbags.highlevel, numpy": ([PYTHON, "-c", "import rosbags.highlevel, numpy"], "1"),
+        "import friction_estimator": ([PYTHON, "-c", "import friction_estimator"], "0.3"),
+        "import numba": ([PYTHON, "-c", "import numba"], "-"),
+        "--help": ([*PROGRAM, "--help"], "0.7"),
+        "info of bags/demo": ([*PROGRAM, "info", str(DEMO)], "4"),
+        "replay of bags/demo": ([*PROGRAM, "replay", str(DEMO)], "-"),
+    }
+    with TemporaryDirectory() as scratch:
+        out = Path(scratch) / "figures.json"
+        found = {name: [child(words, out) for _ in range(RUNS)] for name, (words, _) in wanted.items()}
+    best = {name: (min(cpu for cpu, _ in runs), max(memory for _, memory in runs)) for name, runs in found.items()}
+    first = next(iter(best.values()))[0]
+    return [
+        [name, f"{cpu:.3f}", f"{cpu / first:.2f}", wanted[name][1], f"{memory:.0f}"]
+        for name, (cpu, memory) in best.items()
+    ]
+
+
+def table(head: list[str], rows: list[list[str]]) -> str:
+    """Return a table in Markdown."""
+    return "\n".join("| " + " | ".join(row) + " |" for row in (head, ["---"] * len(head), *rows))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--samples", type=int, default=10_000_000)
+    parser.add_argument("--pairs", type=int, default=200_000)
+    args = parser.parse_args()
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    with TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        started = start_up()
+        read = reading(folder, args.pairs)
+        long = verbs(folder, args.samples)
+    command = f"python benchmarks/reading/run.py --samples {args.samples} --pairs {args.pairs}"
+    page = f"""# Reading, memory, start-up
+
+{provenance.line(command)}
+Processor time throughout; memory is the largest resident set. docs/decisions/0120 and 0121 say what the figures led to.
+
+## Pairs of velocity and friction into arrays, {args.pairs} of them
+
+Microseconds a pair. Opening a file is part of both ways; rosbags counts the messages of a .db3 file when it opens it.
+
+{table(["storage", "here", "rosbags' loop", "opening alone, rosbags", "ratio", "at least"], read)}
+
+## A recording of {args.samples} samples (mcap)
+
+Samples a second, and the share of the bare loop's speed, without the start of the program (that of bags/demo).
+
+{table(["verb", "s", "samples/s", "share", "memory, MB", "bytes a sample"], long)}
+
+## Start-up
+
+{table(["command", "s", "ratio", "at most", "memory, MB"], started)}
+"""
+    write_text(HERE / "README.md", page)
+    print(page)
+
+
+if __name__ == "__main__":
+    main()
