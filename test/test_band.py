@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import MODELS, RATE, config_for, known_system, noisy, samples_of, sine
 
+from friction_estimator.core import sums
 from friction_estimator.core.fit.band import (
     COUNT,
     CURVE_FACTOR,
@@ -43,7 +44,7 @@ def learned(samples: Samples, **changes: object) -> Estimator:
 
 def table(error: np.ndarray, velocity: np.ndarray) -> np.ndarray:
     everywhere = np.ones(error.size, np.bool_)
-    return errors_by_cell(BASIS, BASIS.cells(velocity), error, everywhere, np.arange(error.size) == 0)
+    return errors_by_cell(BASIS, velocity, error.__getitem__, everywhere, np.arange(error.size) == 0)
 
 
 def half_width(curve) -> np.ndarray:
@@ -88,14 +89,25 @@ def test_running_errors_are_means_while_there_are_few(values):
         assert here[PRODUCT] == pytest.approx(0.5 * error[0] * error[1], abs=1e-9)
 
 
+def test_running_errors_do_not_depend_on_the_pieces_that_they_are_taken_in(monkeypatch):
+    rng = np.random.default_rng(3)
+    n = 3001
+    velocity, error = rng.uniform(-0.02, 0.02, n), rng.standard_normal(n)
+    used, restart = rng.random(n) < 0.8, rng.random(n) < 0.05
+    whole = errors_by_cell(BASIS, velocity, error.__getitem__, used, restart)
+    parts = sums.parts
+    monkeypatch.setattr(sums, "parts", lambda n: parts(n, 97))
+    assert errors_by_cell(BASIS, velocity, error.__getitem__, used, restart).tobytes() == whole.tobytes()
+
+
 def test_running_errors_forget_and_restarts_have_no_error_before():
     error = np.concatenate([np.full(1000, 5.0), np.zeros(int(10 * MEMORY))])
     here = table(error, np.full(error.size, 0.02))[BASIS.cells(np.array([0.02]))[0]]
     assert here[POWER] < 25.0 * np.exp(-9.0)
     everywhere = np.ones(100, np.bool_)
-    cells = BASIS.cells(np.full(100, 0.02))
-    assert not errors_by_cell(BASIS, cells, np.ones(100), everywhere, everywhere)[:, PRODUCT].any()
-    none = errors_by_cell(BASIS, cells, np.ones(100), ~everywhere, everywhere)
+    velocity, ones = np.full(100, 0.02), np.ones(100)
+    assert not errors_by_cell(BASIS, velocity, ones.__getitem__, everywhere, everywhere)[:, PRODUCT].any()
+    none = errors_by_cell(BASIS, velocity, ones.__getitem__, ~everywhere, everywhere)
     assert not none.any()
     assert misfit_variance(none).min() > 0.0  # nothing seen: nothing known
 

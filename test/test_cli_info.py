@@ -7,9 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from friction_estimator.bag.merge import Part
 from friction_estimator.bag.recording import Stream
-from friction_estimator.bag.statistics import describe, moving_speeds
+from friction_estimator.bag.statistics import Account, describe, moving_speeds
 from friction_estimator.bag.write import TOPICS, write_samples, writing
+from friction_estimator.cli import info as info_verb
 from friction_estimator.cli.main import main
 from friction_estimator.core.sample import NS_PER_S, Samples
 from friction_estimator.core.settings.groups import SyncConfig
@@ -78,6 +80,37 @@ def test_every_stamp_is_counted_once(stamps):
     assert figures.zero_stamps + faults + forward == max(stamp_ns.size - 1, figures.zero_stamps)
 
 
+@given(st.lists(st.integers(0, 9_000_000_000), min_size=1, max_size=60), st.integers(1, 7), st.integers(0, 9))
+def test_figures_of_stamps_in_pieces_are_those_of_the_whole(steps, length, seed):
+    """Against the formulas, with steps and delays beyond what four bytes hold."""
+    rng = np.random.default_rng(seed)
+    stamps = 10**18 + np.cumsum(steps) * rng.choice([1, 1, 1, -1], len(steps)) * rng.choice([1, 10**3])
+    stamps[rng.random(stamps.size) < 0.1] = 0
+    delay = rng.choice([0, 10**6, 10**12, 3 * 10**9], stamps.size)
+    value = rng.choice([1.0, -2.0, np.nan, np.inf], stamps.size)
+    account = Account(SyncConfig())
+    for start in range(0, stamps.size, length):
+        part = slice(start, start + length)
+        account.add(Part(stamps[part], (stamps + delay)[part], value[part]))
+    stream = Stream("/v", "", stamps, stamps + delay, value)
+    found = account.figures(stream)
+    known = stamps[stamps != 0]
+    step = np.diff(known)
+    forward = step[step > 0]
+    assert found.zero_stamps == stamps.size - known.size
+    assert found.delay_s == float(np.median(delay)) / NS_PER_S
+    assert found.duplicate_stamps == np.count_nonzero(step == 0)
+    assert found.nan == np.count_nonzero(np.isnan(value))
+    if forward.size:
+        period = float(np.median(forward))
+        regular = forward[forward <= SyncConfig().gap_factor * period]
+        assert found.rate_hz == NS_PER_S / period
+        assert found.gaps == forward.size - regular.size
+        assert found.longest_gap_s == forward.max() / NS_PER_S
+        ends = np.quantile(regular, [0.01, 0.99])
+        assert found.jitter_s == pytest.approx(float(np.ptp(ends)) / 2 / NS_PER_S, rel=1e-12)
+
+
 def test_faults_of_stamps_and_values_are_told_apart():
     stamps = START + MS * np.array([0, 1, 2, 2, 4, 3, 5, 6, 7, 30, 31, 32])
     stamps[-1] -= 10 * NS_PER_S
@@ -122,6 +155,18 @@ def test_a_good_recording_is_described(tmp_path, capsys):
     assert any("no pressure channel" in text for text in found["cannot"])
     assert not any("no position channel" in text for text in found["cannot"])
     assert found["problem"] is None
+
+
+def test_a_long_recording_is_described_by_its_beginning_and_says_so(tmp_path, capsys, monkeypatch):
+    velocity = sine()
+    velocity[12_000:] *= 3.0
+    write_samples(tmp_path / "run", drive(velocity))
+    monkeypatch.setattr(info_verb, "MOST_ASSESSED", 10_000)
+    code, found, _ = info(tmp_path / "run", capsys)
+    assert code == 0
+    assert found["excitation"]["velocity_range"] == pytest.approx([-0.1, 0.1], rel=1e-3)
+    assert found["excitation"]["notes"][0] == "the drive is described by the first 10000 of 20000 samples"
+    assert (found["pairing"]["used"], found["inputs"]["velocity"]["highest"]) == (20_000, pytest.approx(0.3, rel=1e-3))
 
 
 def test_the_words_hold_what_the_json_holds(tmp_path, capsys):

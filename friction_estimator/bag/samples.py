@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import PurePath
 
 import numpy as np
-from numpy.typing import NDArray
 
+from friction_estimator.bag.growing import Column
 from friction_estimator.bag.merge import Events, OutOfOrderError
 from friction_estimator.bag.read import Progress, Reading, read_recording
 from friction_estimator.bag.recording import Outline, Recorded, Recording
@@ -19,9 +19,6 @@ from friction_estimator.core.settings.config import Config
 
 CHUNK = 65536
 """Events paired at a time."""
-
-BLOCK = 1 << 18
-"""Numbers of a column that are allocated at a time: large enough that the system gets them back when they are freed."""
 
 LOAD_CHANNELS = {"position": "position_m", "acceleration": "acceleration_m_s2"}
 """What load terms need, made at admission where it was not recorded."""
@@ -110,7 +107,7 @@ class Admission:
         made = [field for name, field in LOAD_CHANNELS.items() if self._intake.load.needs(name)]
         shift = ["position_shift_m"] if "position" in self._names else []
         names = dict.fromkeys([*_ALWAYS, *held, *made, *shift])
-        self._columns = {name: _Column(_TYPES.get(name, np.float64)) for name in names}
+        self._columns = {name: Column(_TYPES.get(name, np.float64)) for name in names}
 
     def push(self, events: Events) -> None:
         """Take events in recorded order."""
@@ -150,32 +147,6 @@ class Admission:
 def _is_one_message(topics: Mapping[str, object]) -> bool:
     """Return whether position and friction come in one message."""
     return "position" in topics and topics["position"] == topics["friction"]
-
-
-class _Column:
-    """Numbers that come piece by piece, in blocks: nothing is copied until all are there."""
-
-    def __init__(self, kind: type[np.generic]) -> None:
-        self._blocks: list[NDArray[np.generic]] = []
-        self._kind, self._filled = kind, BLOCK
-
-    def extend(self, values: NDArray[np.generic]) -> None:
-        """Take more."""
-        while values.size:
-            if self._filled == BLOCK:
-                self._blocks.append(np.empty(BLOCK, self._kind))
-                self._filled = 0
-            fits, values = values[: BLOCK - self._filled], values[BLOCK - self._filled :]
-            self._blocks[-1][self._filled : self._filled + fits.size] = fits
-            self._filled += fits.size
-
-    def taken(self) -> NDArray[np.generic]:
-        """Return all of them; nothing is left here."""
-        blocks, self._blocks = self._blocks, []
-        if blocks:
-            blocks[-1] = blocks[-1][: self._filled]
-        self._filled = BLOCK
-        return np.concatenate(blocks) if blocks else np.empty(0, self._kind)
 
 
 def _why_none(recording: Recording, counts: Mapping[str, int]) -> str:

@@ -7,11 +7,12 @@ from pathlib import PurePath
 import numpy as np
 from numpy.typing import NDArray
 
+from friction_estimator.bag.growing import WholeNumbers
 from friction_estimator.bag.merge import OutOfOrderError, Part
 from friction_estimator.bag.read import Progress, Reading, read_recording
 from friction_estimator.bag.recording import Described, Outline, Recorded, Stream
 from friction_estimator.core.intake.pairing import LARGEST_VALUE
-from friction_estimator.core.sample import NS_PER_S, Floats, Ints
+from friction_estimator.core.sample import NS_PER_S, Floats
 from friction_estimator.core.settings.groups import InputConfig, SyncConfig
 
 MOVING = 0.15
@@ -96,34 +97,12 @@ def figures_of(recording: Recorded, sync: SyncConfig) -> dict[str, StreamStatist
     return {name: describe(stream, sync) for name, stream in recording.whole().streams.items()}
 
 
-class _Whole:
-    """Whole numbers that come piece by piece, about the first one: four bytes each where they lie near it."""
-
-    def __init__(self) -> None:
-        self.first: int | None = None
-        self._pieces: list[NDArray[np.signedinteger]] = []
-
-    def extend(self, values: Ints) -> None:
-        """Take more."""
-        if values.size:
-            self.first = int(values[0]) if self.first is None else self.first
-            apart = values - self.first
-            near = np.iinfo(np.int32)
-            fits = near.min < int(apart.min()) and int(apart.max()) < near.max
-            self._pieces.append(apart.astype(np.int32) if fits else apart)
-
-    def taken(self) -> NDArray[np.signedinteger]:
-        """Return all of them less the first one; nothing is left here."""
-        pieces, self._pieces = self._pieces, []
-        return np.concatenate(pieces) if pieces else np.zeros(0, np.int64)
-
-
 class Account:
     """The figures of one input while its messages come, in the order of recording; eight bytes a message are kept."""
 
     def __init__(self, sync: SyncConfig) -> None:
         self._gap_factor, self._jump_ns = sync.gap_factor, sync.jump_back * NS_PER_S
-        self._forward, self._delay = _Whole(), _Whole()
+        self._forward, self._delay = WholeNumbers(), WholeNumbers()
         self._last_ns: int | None = None
         self._duration_ns = self._longest_ns = 0
         self._stamped = self._zero = self._equal = self._backward = self._jumps = self._nan = self._infinite = 0
