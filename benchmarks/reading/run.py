@@ -1,6 +1,6 @@
 """Reading beside rosbags' own loop, memory and speed of the verbs on a long recording, and start-up.
 
-    python benchmarks/reading/run.py [--samples 10000000] [--pairs 200000]
+    python benchmarks/reading/run.py [--samples 10000000] [--pairs 1000000] [--keep FOLDER]
 
 Every time is processor time, the least of some runs; every ratio is of one run of this script. Memory is the largest
 resident set of the process (`ru_maxrss`). Writes README.md beside this file.
@@ -89,8 +89,6 @@ def reading(folder: Path, pairs: int) -> list[list[str]]:
         write_samples(path, driven(pairs), storage)
         ours = least(lambda path=path: read_recording(path))
         theirs = least(lambda path=path: rosbags_loop(path), 1)
-        with AnyReader([path]):
-            pass
         opened = least(lambda path=path: AnyReader([path]).open())
         figures = [f"{1e6 * figure / pairs:.3f}" for figure in (ours, theirs, opened)]
         rows.append([storage, *figures, f"{theirs / ours:.1f}", bound])
@@ -109,10 +107,11 @@ def child(words: list[str], out: Path) -> tuple[float, float]:
     return cpu, memory
 
 
-def verbs(folder: Path, samples: int) -> list[list[str]]:
+def verbs(folder: Path, samples: int, keep: Path | None) -> list[list[str]]:
     """Return rows: verb, time, samples a second, share of the bare loop's, memory, bytes a sample."""
-    path, out = folder / "long", folder / "figures.json"
-    write_samples(path, driven(samples))
+    path, out = keep or folder / "long", folder / "figures.json"
+    if not path.exists():
+        write_samples(path, driven(samples))
     rows = []
     for law in ("rls", "lms"):
         printed = subprocess.run([PYTHON, "-c", LOOP, str(path), law], check=True, capture_output=True, text=True)
@@ -161,14 +160,17 @@ def table(head: list[str], rows: list[list[str]]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--samples", type=int, default=10_000_000)
-    parser.add_argument("--pairs", type=int, default=200_000)
+    parser.add_argument("--pairs", type=int, default=1_000_000)
+    parser.add_argument(
+        "--keep", type=Path, metavar="FOLDER", help="keep the long recording there, or take it from there"
+    )
     args = parser.parse_args()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with TemporaryDirectory() as scratch:
         folder = Path(scratch)
         started = start_up()
         read = reading(folder, args.pairs)
-        long = verbs(folder, args.samples)
+        long = verbs(folder, args.samples, args.keep)
     command = f"python benchmarks/reading/run.py --samples {args.samples} --pairs {args.pairs}"
     page = f"""# Reading, memory, start-up
 
