@@ -13,21 +13,32 @@ import ros_graph
 from ros_graph import ROOT, Feeder, await_, motion
 
 pytestmark = pytest.mark.ros
-NAMED = "/friction_estimator/parameters/named"
+
+NAMESPACE = (r'"/(velocity|friction)', r'"/left/\1')
+ROTARY = [(r"linear([./])x", r"angular\1x"), (r"force([./])x", r"torque\1x")]
+"""What docs/node.md replaces with sed."""
 
 
-def plotjuggler():
+def layout(name, replaced):
+    """Return the text of a layout with these patterns replaced."""
+    text = (ROOT / "config" / name).read_text()
+    for pattern, by in replaced:
+        text = re.sub(pattern, by, text)
+    return text
+
+
+def plotjuggler(replaced):
     """Return the curves of the layout, and the topics that it subscribes to."""
-    root = ElementTree.parse(ROOT / "config" / "plotjuggler.xml").getroot()
+    root = ElementTree.fromstring(layout("plotjuggler.xml", replaced))
     curves = [curve.get("name") for curve in root.iter("curve")]
     return curves, [topic.get("name") for topic in root.iter("topic")]
 
 
-def foxglove():
+def foxglove(replaced):
     """Return the message paths of the layout's plots, their labels, and its diagnostics."""
-    layout = json.loads((ROOT / "config" / "foxglove.json").read_text())
-    panels = layout["configById"]
-    shown = re.findall(r"\w+!\w+", json.dumps(layout["layout"]))
+    read = json.loads(layout("foxglove.json", replaced))
+    panels = read["configById"]
+    shown = re.findall(r"\w+!\w+", json.dumps(read["layout"]))
     assert sorted(shown) == sorted(panels)
     paths = [(path["value"], path["label"]) for panel in panels.values() for path in panel.get("paths", [])]
     return paths, panels["DiagnosticStatusPanel!node"]
@@ -48,15 +59,25 @@ def graph(tmp_path):
         yield made
 
 
-def test_every_topic_and_field_exists_on_a_running_node(graph):
+@pytest.mark.parametrize(
+    ("namespace", "rotary", "settings"),
+    [
+        ("", False, {}),
+        ("/left", True, {"theory.kind": "stribeck", "load.terms": ["inertia", "load_dependence"], "model.law": "nlms"}),
+    ],
+    ids=["as started", "other names, theory, loads"],
+)
+def test_every_topic_and_field_exists_on_a_running_node(graph, namespace, rotary, settings):
     from diagnostic_msgs.msg import DiagnosticArray
     from sensor_msgs.msg import JointState
 
-    graph.start_node()
-    named, diagnostics = graph.hear(JointState, NAMED), graph.hear(DiagnosticArray, "/diagnostics")
-    feeder = Feeder(graph)
+    replaced = [NAMESPACE] * bool(namespace) + ROTARY * rotary
+    graph.start_node(settings, namespace=namespace)
+    topic_named = f"{namespace}/friction_estimator/parameters/named"
+    named, diagnostics = graph.hear(JointState, topic_named), graph.hear(DiagnosticArray, "/diagnostics")
+    feeder = Feeder(graph, namespace, rotary=rotary)
     feeder.matched()
-    graph.heard_by(NAMED)
+    graph.heard_by(topic_named)
     stamps, velocity, friction = motion(400, 500.0)
     samples = iter(zip(stamps.tolist(), velocity.tolist(), friction.tolist(), strict=True))
 
@@ -74,7 +95,7 @@ def test_every_topic_and_field_exists_on_a_running_node(graph):
         package, _, name = types[topic][0].partition("/msg/")
         return getattr(import_module(f"{package}.msg"), name)
 
-    curves, topics = plotjuggler()
+    curves, topics = plotjuggler(replaced)
     assert curves
     used = set()
     for curve in curves:
@@ -82,7 +103,7 @@ def test_every_topic_and_field_exists_on_a_running_node(graph):
         assert topic is not None, f"{curve}: no subscribed topic"
         used.add(topic)
         parts = curve.removeprefix(f"{topic}/").split("/")
-        if topic == NAMED:
+        if topic == topic_named:
             assert parts[0] in values, curve
             assert parts[1:] == ["position"]
         else:
@@ -91,11 +112,11 @@ def test_every_topic_and_field_exists_on_a_running_node(graph):
     for topic in topics:
         kind_of(topic)
 
-    paths, panel = foxglove()
+    paths, panel = foxglove(replaced)
     assert paths
     for path, label in paths:
         topic, *parts = path.split(".")
-        if topic == NAMED:
+        if topic == topic_named:
             index = int(re.fullmatch(r"position\[(\d+)\]", parts[0])[1])
             assert named[-1].name[index] == label
         else:

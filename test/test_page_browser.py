@@ -169,11 +169,15 @@ def test_charts_are_pictures_on_paper(browser, page, dark):
     """A chart that is drawn for a screen would be cut at the sheet's edge, and pale where the screen was dark."""
     browser.open(page, 1280, dark=dark)
     browser.draw_all()
+    for rows in (30, 500):
+        table = f"<details id=rows-{rows}><table>{'<tr><td>1' * rows}</table></details>"
+        browser.js(f"document.querySelector('main').insertAdjacentHTML('beforeend', '{table}')")
     # As a browser does that prints: the event first, then the sheet, which is light.
     browser.js("window.dispatchEvent(new Event('beforeprint'))")
     scheme = {"name": "prefers-color-scheme", "value": "light"}
     browser.call("Emulation.setEmulatedMedia", media="print", features=[scheme])
     browser.call("Emulation.setDeviceMetricsOverride", width=700, height=1000, deviceScaleFactor=1, mobile=False)
+    assert browser.js("[30, 500].map((n) => document.getElementById(`rows-${n}`).open)") == [True, False]
     plots = "[...document.querySelectorAll('.plot')]"
     seen = f"{plots}.map((plot) => [...plot.children].filter((one) => one.getClientRects().length))"
     count = browser.js(f"{plots}.length")

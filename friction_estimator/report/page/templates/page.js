@@ -2,6 +2,7 @@
 "use strict";
 (() => {
   const MOST_ROWS = 4000; // of a table that are drawn at a time: two to a pixel of a wide screen
+  const MOST_PRINTED = 60; // rows of a folded table that are printed; who wants a longer one on paper opens it
   const INKS = ["line_color", "fill_color", "text_color", "hatch_color"];
   const dark = matchMedia("(prefers-color-scheme: dark)");
   const drawn = new Map(); // name of a chart -> its view
@@ -294,7 +295,9 @@
   // A chart would learn of the sheet's width and colours after it is printed: a picture of it, which takes any width,
   // stands for it. One that was drawn for a dark page is printed inverted (page.css).
   addEventListener("beforeprint", () => {
-    document.querySelectorAll("details").forEach((one) => { one.open = true; });
+    for (const one of document.querySelectorAll("details")) {
+      if (one.querySelectorAll("tr").length <= MOST_PRINTED) one.open = true;
+    }
     for (const [name, view] of drawn) {
       if (!view) continue;
       const { canvas } = view.export("png", false);
