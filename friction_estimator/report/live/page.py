@@ -64,10 +64,14 @@ PAINT = """
       set(model, ["axis_label_text_color", "label_text_color"], colour("text"));
       set(model, ["major_label_text_color", "axis_line_color", "major_tick_line_color"], colour("quiet"));
       set(model, ["grid_line_color", "outline_line_color"], colour("rule"));
+      if (model.type === "Legend") {  // a row of names would hang over the edge of a phone
+        model.setv({orientation: innerWidth < 700 ? "vertical" : "horizontal"}, {sync: false});
+      }
     }
   }
   const begin = setInterval(() => { if (Bokeh.documents.length) { clearInterval(begin); dress(); } }, 50);
   dark.addEventListener("change", dress);
+  matchMedia("(max-width: 699px)").addEventListener("change", dress);
 })();
 """
 
@@ -83,9 +87,11 @@ TEMPLATE = Template("""<!doctype html>
 <style>{{ css }}</style>
 </head>
 <body>
+<main>
 <h1>{{ title }}</h1>
 <p class="lead">{{ topic }}; the last 10 s, until a chart is moved (reset follows again).</p>
 {% from macros import embed %}{% for root in doc.roots %}{{ embed(root) }}{% endfor %}
+</main>
 {{ plot_script }}
 <script>{{ js }}</script>
 </body>
@@ -226,15 +232,16 @@ class _Page:
         if seen.round != self._round:
             self._round, self._count = seen.round, max(self._count, seen.count - len(seen.rows))
             self._last = seen.rows[:0]
-            self._source.data = {name: [] for name in COLUMNS}
-            self._map.data = {name: [] for name in ("velocity", "measured")}
         rows = seen.since(self._count)[-KEPT_ROWS:]
         if len(rows):
-            if not len(self._source.data["time"]):
-                self._begin_s = float(rows[0, 0])
-            self._source.stream(self._columns(rows), KEPT_ROWS)
             thin = rows[:: max(1, round(KEPT_ROWS / MAP_DOTS))]
-            self._map.stream({"velocity": thin[:, 1], "measured": thin[:, 2]}, MAP_DOTS)
+            dots = {"velocity": thin[:, 1], "measured": thin[:, 2]}
+            if len(self._last):
+                self._source.stream(self._columns(rows), KEPT_ROWS)
+                self._map.stream(dots, MAP_DOTS)
+            else:  # of a new round; replaced in one step, since charts of nothing would flash
+                self._begin_s = float(rows[0, 0])
+                self._source.data, self._map.data = self._columns(rows), dots
         self._count = seen.count
         if seen.curve is not None and not np.array_equal(seen.curve[:, 1], self._curve.data["friction"]):
             self._curve.data = dict(zip(("velocity", "friction", "low", "high"), seen.curve.T, strict=True))
