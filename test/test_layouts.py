@@ -78,7 +78,7 @@ def test_every_topic_and_field_exists_on_a_running_node(graph, namespace, rotary
     feeder = Feeder(graph, namespace, rotary=rotary)
     feeder.matched()
     graph.heard_by(topic_named)
-    stamps, velocity, friction = motion(400, 500.0)
+    stamps, velocity, friction = motion(20_000, 500.0)
     samples = iter(zip(stamps.tolist(), velocity.tolist(), friction.tolist(), strict=True))
 
     def fed():

@@ -310,8 +310,7 @@ def _words(seen: Seen, begin_s: float) -> str:
             ("measured", q.text(measured, FORCE), ""),
             ("predicted", q.text(predicted, FORCE), f"\u00b1 {q.text(BAND_SIGMAS * stddev, FORCE)}"),
         ]
-    for name in ("samples per second", "running error rms"):
-        facts += [(key, value, "") for key, value in seen.values.items() if key.startswith(name)]
+    facts += [(name, value, "") for name, value in seen.told]
     cells = "".join(
         f"<div><dt>{html.escape(a)}</dt><dd>{html.escape(b)}</dd><dd>{html.escape(c)}</dd></div>" for a, b, c in facts
     )

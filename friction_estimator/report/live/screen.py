@@ -168,9 +168,7 @@ def _facts(seen: Seen) -> list[tuple[str, str]]:
         facts.append(("measured", q.text(measured, FORCE)))
         facts.append(("predicted", q.text(predicted, FORCE)))
         facts.append(("standard deviation", q.text(stddev, FORCE)))
-    wanted = ("samples per second", "running error rms", "arrival to prediction p99")
-    facts += [(shown(key), shown(value)) for key, value in seen.values.items() if key.startswith(wanted)]
-    return facts
+    return facts + [(shown(name), shown(value)) for name, value in seen.told]
 
 
 def _span(*values: Floats) -> tuple[float, float]:

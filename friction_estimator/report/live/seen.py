@@ -10,6 +10,9 @@ from friction_estimator.core.decimation import MONITOR_WIDTH
 from friction_estimator.core.quantities import LINEAR, Quantities
 from friction_estimator.core.sample import Floats
 
+TOLD = ("samples per second", "running error rms", "learned part of the velocity range", "arrival to prediction p99")
+"""How the names of those values of the status begin that a view shows."""
+
 SILENT_S = 2.0
 """A node that learns publishes twenty batches a second; none for so long is said."""
 
@@ -47,6 +50,11 @@ class Seen:
         """Return the rows that came after so many."""
         new = min(self.count - count, len(self.rows))
         return self.rows[len(self.rows) - new :]
+
+    @property
+    def told(self) -> list[tuple[str, str]]:
+        """Name and value of what a view shows of the status."""
+        return [(name, value) for begin in TOLD for name, value in self.values.items() if name.startswith(begin)]
 
     @property
     def silence(self) -> str:
