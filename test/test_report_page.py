@@ -393,6 +393,8 @@ def test_an_unexplained_diagnosis_says_what_to_do(nameless, tmp_path):
     (white,) = [value for name, value, _ in told.facts if name == "white noise"]
     assert float(white.split()[0]) == pytest.approx(0.02, rel=0.1)
     assert any("follows nothing that was recorded" in text for text in said)
+    assert "what does not repeat is" in told.verdict
+    assert "noise" not in told.verdict  # a pump is none
 
 
 @pytest.mark.parametrize("kind", ["mean", "variance"])

@@ -161,7 +161,7 @@ def sentences(result: Diagnosis, quantities: Quantities) -> list[str]:
     elif result.verdict == NOTHING_FOUND:
         limits = sorted(result.detection_limit_N.items(), key=lambda item: item[1])
         lines.append(
-            f"Nothing found: the base model leaves {error:.2f} % of the friction's spread, and the noise alone is "
+            f"Nothing found: the base model leaves {error:.2f} % of the friction's spread, and what does not repeat is "
             f"{floor:.2f} %. {len(limits)} causes were tried."
         )
         if limits:
@@ -170,7 +170,7 @@ def sentences(result: Diagnosis, quantities: Quantities) -> list[str]:
     elif result.verdict == UNEXPLAINED:
         lines.append(
             f"Something is there that no name holds for: the base model leaves {error:.2f} % of the friction's spread, "
-            f"and the noise alone is {floor:.2f} %."
+            f"and what does not repeat is {floor:.2f} %."
         )
     lines += [f"Data: {fault.name}: {fault_sentence(fault, quantities)}" for fault in result.faults]
     lines += [f"{i}. {found.name}: {sentence(found, quantities)}" for i, found in enumerate(result.effects, 1)]

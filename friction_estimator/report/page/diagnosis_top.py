@@ -39,18 +39,19 @@ def verdict(result: Diagnosis, spread: float, q: Quantities) -> str:
         return "These recordings cannot answer; what they lack stands below."
     if result.verdict == NOTHING_FOUND:
         return (
-            f"Nothing found: the model errs by ±{before} rms on samples that it never saw, the noise alone is ±{floor}."
+            f"Nothing found: the model errs by ±{before} rms on samples that it never saw, and what does not repeat is "
+            f"±{floor}."
         )
     if result.verdict == UNEXPLAINED:
         return (
             f"Something is there that no name holds for: the model errs by ±{before} rms on samples that it never "
-            f"saw, and the noise alone is ±{floor}."
+            f"saw, and what does not repeat is ±{floor}."
         )
     text = f"{_count(len(names))}: {', '.join(names)}."
     if result.total_gain is not None:
         after = q.text(result.total_gain.nrmse_after * spread, FORCE, ".2g")
         text += f" With {'it' if len(result.effects) == 1 else 'them'} in the model its error on samples that it never "
-        text += f"saw falls from ±{before} to ±{after} rms; the noise alone is ±{floor}."
+        text += f"saw falls from ±{before} to ±{after} rms; what does not repeat is ±{floor}."
     return text
 
 

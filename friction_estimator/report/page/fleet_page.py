@@ -132,7 +132,7 @@ def _recordings(entries: Sequence[Mapping[str, Any]]) -> Section:
             f"{one['unexplained_percent']:.1f}",
         ))  # fmt: skip
     text = [
-        "Error of the base model on held-out samples, of the noise alone, and with all that was found, over the "
+        "Error of the base model on held-out samples, of what does not repeat, and with all that was found, over the "
         "friction's spread; left: what of it is above the noise."
     ]
     if len(entries) > MOST_ROWS:
