@@ -88,14 +88,18 @@ def white_noise(force_N: Floats, restart: Bools) -> float:
     return float(np.median(third) / (0.6745 * np.sqrt(20.0))) if third.size >= 100 else float("nan")
 
 
-def one_way(moving_m_s: Floats) -> int:
+def one_way(velocity_m_s: Floats, moving: Bools | None = None) -> int:
     """Return the direction, 1 or -1, that a shaft in motion keeps; 0 where it goes both ways, and without a sample.
 
     >>> one_way(np.array([0.1, 0.2])), one_way(np.array([-0.1, -0.2])), one_way(np.array([-0.1, 0.2]))
     (1, -1, 0)
+
+    `moving` : (n,), the samples in motion; all of them unless given.
     """
-    forward, backward = np.count_nonzero(moving_m_s > 0.0), np.count_nonzero(moving_m_s < 0.0)
-    if not moving_m_s.size or min(forward, backward) >= (1.0 - ONE_WAY) * moving_m_s.size:
+    count = velocity_m_s.size if moving is None else int(np.count_nonzero(moving))
+    ways = (sign if moving is None else sign & moving for sign in (velocity_m_s > 0.0, velocity_m_s < 0.0))
+    forward, backward = (np.count_nonzero(way) for way in ways)
+    if not count or min(forward, backward) >= (1.0 - ONE_WAY) * count:
         return 0
     return 1 if forward > backward else -1
 

@@ -169,7 +169,7 @@ class Replay:
     def one_way(self) -> int:
         """The only direction that was learned from, 1 or -1; 0 where both were, or nothing."""
         judged = self._judgement
-        return metrics.one_way(self.samples.velocity_m_s[judged.learned & ~judged.standing])
+        return metrics.one_way(self.samples.velocity_m_s, judged.learned > judged.standing)  # and not
 
     @cached_property
     def in_motion(self) -> InMotion:
