@@ -5,6 +5,8 @@ import pytest
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import SPLINES, BaseProblem, Capacity
+from friction_estimator.diagnosis.candidates import Candidates
+from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.diagnosis.joint import JointFit, Term, before
 from friction_estimator.diagnosis.record import build_record
 from friction_estimator.effects import EFFECTS, parse_effect
@@ -12,6 +14,8 @@ from friction_estimator.rig.drive import segment
 from friction_estimator.rig.simulate import Scenario, simulate
 
 SEAL = Config.from_mapping({"theory.kind": "seal"})
+
+SHORT = (segment(1.0, 50.0, 8.0), segment(4.0, 50.0, 16.0))
 
 SEGMENTS = (segment(1.0, 50.0, 16.0), segment(4.0, 50.0, 24.0))
 
@@ -50,3 +54,32 @@ def test_a_delay_behind_bristles_is_found() -> None:
     found = fit([*without.terms, Term(EFFECTS["time_delay"], {"delay": 1e-3})], without.base.coefficients)
     assert found.terms[-1].params["delay"] == pytest.approx(0.003, abs=1e-4)
     assert found.base.coefficients.cost < 0.8 * without.base.coefficients.cost
+
+
+@pytest.mark.parametrize(("name", "delay"), [("velocity_delay", 0.003), ("time_delay", 0.004)])
+def test_a_time_is_sought_again_beside_what_was_found_after_it(name: str, delay: float) -> None:
+    """Without the bristles the time is put far off, and it stayed there when they were known."""
+    hidden = (parse_effect(f"{name}:delay={delay}"),)
+    samples = simulate(Scenario(SHORT, plant="maxwell_slip", rate_hz=200.0, seed=5, effects=hidden)).samples
+    record = build_record([samples], SEAL)
+    context = record.context(SEAL, float(np.abs(record.friction_N).max()))
+    fits = Candidates(BaseProblem(record, SEAL), context, EFFECTS, 0)
+    first = fits(fits.base(), name, {"delay": 0.002})
+    assert first is not None
+    both = fits(first.model, "presliding", {"length": 3e-5, "spread": 1.0})
+    assert both is not None
+    assert abs(both.model.joint.terms[0].params["delay"] - delay) > 0.003
+    settled = fits.resettled(first.model, both)
+    assert [term.name for term in settled.model.joint.terms] == [name, "presliding"]
+    assert settled.model.joint.terms[0].params["delay"] == pytest.approx(delay, abs=3e-4)
+    assert settled.gain > both.gain
+
+
+def test_a_velocity_that_is_late_is_found_behind_bristles() -> None:
+    """The bristles' length takes up a force that is ahead: screening alone shows little, and squeeze_film was named."""
+    hidden = (parse_effect("velocity_delay:delay=0.003"),)
+    samples = simulate(Scenario(SHORT, plant="maxwell_slip", rate_hz=200.0, seed=6, effects=hidden)).samples
+    names = ("presliding", "squeeze_film", "velocity_delay", "inertia")
+    found = diagnose([samples], SEAL, catalogue={name: EFFECTS[name] for name in names})
+    assert [effect.name for effect in found.effects] == ["presliding", "velocity_delay"]
+    assert found.effects[1].parameters["delay"].value == pytest.approx(0.003, abs=3e-4)

@@ -28,6 +28,10 @@ EARLY = 2.5
 """Sample periods after a reversal without which an effect that acts everywhere must still gain."""
 
 
+RESETTLED = 0.01
+"""Share of the cost that an earlier term's other place must save."""
+
+
 @dataclass(frozen=True)
 class Model:
     """A fitted model and its held-out loss on each block, (blocks,), N^2."""
@@ -120,15 +124,38 @@ class Candidates:
             self._shaped[key] = best
         return self._shaped[key]
 
+    def resettled(self, model: Model, one: Candidate) -> Candidate:
+        """Return the candidate with what the terms before it refine sought anew, where everything then fits better.
+
+        A time or a length that was sought before the later cause was known may lie in another minimum.
+        """
+        best = one.model.joint
+        names = [term.name for term in best.terms]
+        for name in names[:-1]:
+            if not self.catalogue[name].refined:
+                continue
+            last = sorted(best.terms, key=lambda t, n=name: t.name == n)  # type: ignore[misc]
+            found = self._fit(last, best.base.coefficients)
+            if found.base.coefficients.cost < (1.0 - RESETTLED) * best.base.coefficients.cost:
+                ordered = sorted(found.terms, key=lambda t: names.index(t.name))
+                best = self._fit(ordered, found.base.coefficients, search=False)
+        if best is one.model.joint:
+            return one
+        return self._candidate(model, best) or one
+
     def _fitted(self, model: Model, name: str, params: Mapping[str, float]) -> Candidate | None:
         here = model.joint.base.coefficients
         joint = self._fit([*model.joint.terms, Term(self.catalogue[name], dict(params))], here)
-        term = joint.terms[-1]
+        return self._candidate(model, joint)
+
+    def _candidate(self, model: Model, joint: Joint) -> Candidate | None:
+        """Return the last term of a fit as a candidate beside the model, or None where it cannot be."""
+        here, term = model.joint.base.coefficients, joint.terms[-1]
         if not signs_kept(joint) or term.effect.spans(term.params, term.weights, self.context) is not None:
             return None
         after, now = self._judged(joint), joint.base.coefficients
         saved = now.variance * (here.memory_energy - now.memory_energy)
-        one = Candidate(name, term.effect, after, float((model.loss - after.loss).sum()), saved)
+        one = Candidate(term.name, term.effect, after, float((model.loss - after.loss).sum()), saved)
         return one if np.isfinite(one.gain) else None
 
     def _judged(self, joint: Joint) -> Model:

@@ -52,7 +52,7 @@ the rig, must not hide a second one."""
 CLOSE = 0.6
 """Of the best gain: what a candidate of another family must bring to be compared with the best one cause ahead."""
 
-OPTIONS, FOLLOWERS = 2, 2
+OPTIONS, FOLLOWERS = 4, 2
 """Candidates that are compared so, the best included, and effects that are fitted beside each."""
 
 MOST_CAUSES = 5
@@ -227,10 +227,14 @@ class Searcher:
         return max(0.0, float(model.loss.sum()) - self.samples * floor**2)
 
     def _passing(self, model: Model, view: View, out: Collection[str]) -> list[Screened]:
-        """Return what passes the gate, best first, and after it the times that the base's memory may hide."""
+        """Return what passes the gate, best first, and after it the times that may be hidden.
+
+        The base's memory hides a late force, the length of what acts at reversals one that is ahead: both shift.
+        """
         some = [s for s in view.screened if s.name not in out]
-        hidden = model.joint.base.coefficients.memory_energy > MEMORY_EVIDENCE
         passing = [s for s in some if s.gain > view.needed[s.name]]
+        hidden = model.joint.base.coefficients.memory_energy > MEMORY_EVIDENCE
+        hidden |= any(t.effect.acts == REVERSAL and not t.effect.delays for t in model.joint.terms)
         return passing + [s for s in some if s not in passing and s.hypothesis.effect.delays and hidden]
 
     def _compared(self, model: Model, view: View, out: Collection[str]) -> dict[str, Candidate]:
@@ -262,7 +266,7 @@ class Searcher:
                 enough = one.gain > MEASURED_SHARE * best.gain and self._enough(model, one, causes)
                 if one.effect.recorded and enough:
                     best = one
-        best = self._ahead(self.fits.shaped(model, best), fits)
+        best = self.fits.resettled(model, self._ahead(self.fits.shaped(model, best), fits))
         found = alike(view.evidence, view.library, best.model.joint.parts_N[-1], CONTENDER)
         for name in [n for n in closest(found, SET_ERRORS, SET_SHARE) if n not in fits and n not in out][:MOST_ALIKE]:
             one_more = self.fits(model, name, found[name].params)
