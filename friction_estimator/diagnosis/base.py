@@ -49,8 +49,8 @@ class BaseFit:
         return cls(
             problem=problem,
             coefficients=found,
-            fitted_N=products.combine(problem.spread(found.weights, found.taps, found.own)),
-            tangent=Tangent(products, jacobian / norm),
+            fitted_N=products.fitted(found.weights, found.taps, found.own),
+            tangent=Tangent(products, found.weights, found.taps, norm),
             penalty=found.power / found.count * known / np.square(norm),
         )
 

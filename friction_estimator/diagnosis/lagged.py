@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from friction_estimator.compiled import njit
 from friction_estimator.core.sample import Bools, Floats, Ints
 from friction_estimator.diagnosis.products import inner
 
@@ -81,7 +82,7 @@ class LaggedProducts:
         self.cross = np.zeros((blocks, self.size))
         for b in self._chosen:
             rows = slice(self.edges[b], self.edges[b + 1])
-            m = self.rows(rows) * used[rows, None]
+            m = self.rows(rows)
             self.gram[b] = inner(m, m)
             self.cross[b] = m.T @ self._force[rows]
         self.whole_gram = self.gram.sum(axis=0)
@@ -89,10 +90,10 @@ class LaggedProducts:
         self.count = np.add.reduceat(used.astype(np.float64), self.edges[:-1])
 
     def rows(self, part: slice) -> Floats:
-        """Return the lagged columns of some samples, (n_part, L)."""
-        index = np.arange(part.start, part.stop)
-        start = self.start[part]
-        return np.concatenate([self.static[np.maximum(index - i, start)] for i in range(self.order + 1)], axis=1)
+        """Return the lagged columns of some samples, (n_part, L); zero where a sample is not in use."""
+        out = np.zeros((part.stop - part.start, self.size))
+        stacked(self.static, self.start, part.start, self._used, out)
+        return out
 
     def extra(self, columns: Floats) -> Extra:
         """Return the products of columns (n, c)."""
@@ -107,20 +108,68 @@ class LaggedProducts:
             xy[b] = x.T @ self._force[rows]
         return Extra(mx, xx, xy)
 
-    def combine(self, coefficients: Floats, part: slice = slice(None)) -> Floats:
-        """Return the lagged columns times coefficients (L,) or (L, q), for some samples: (n_part,) or (n_part, q)."""
-        index = np.arange(self.static.shape[0])[part]
-        start = self.start[part]
-        out = np.zeros((index.size, *coefficients.shape[1:]))
-        for i, own in enumerate(coefficients.reshape(self.order + 1, self.width, *coefficients.shape[1:])):
-            some = np.any(own, axis=0)  # most columns have a part in few lags
-            if np.any(some):
-                moved = self.static[np.maximum(index - i, start)]
-                if own.ndim == 1:
-                    out += moved @ own
-                else:
-                    out[:, some] += moved @ own[:, some]
+    def moved(self, values: Floats, lag: int, part: slice = slice(None)) -> Floats:
+        """Return values[k - lag] for some samples, held at the first value of the gap-free piece."""
+        index = np.arange(self.start.size)[part]
+        return np.asarray(values[np.maximum(index - lag, self.start[part])])
+
+    def fitted(self, weights: Floats, taps: Floats, own: Floats) -> Floats:
+        """Return f = sum_i h_i S w[k - i] + sum_i c_i (S_0[k - i] - S_0[k]) with h_0 = 1, (n,).
+
+        Parameters
+        ----------
+        weights : w, (m,). taps : h_1 ..., (p,). own : c_1 ..., (p,) or empty: lags of the first column alone.
+        """
+        force = self.static @ weights
+        out = force.copy()
+        for i, tap in enumerate(taps, 1):
+            out += tap * self.moved(force, i)
+        first = np.ascontiguousarray(self.static[:, 0])
+        for i, lag in enumerate(own, 1):
+            out += lag * (self.moved(first, i) - first)
         return out
+
+    def derivative(self, weights: Floats, taps: Floats, own: int, part: slice = slice(None)) -> Floats:
+        """Return d `fitted` / d (weights, taps, own lags) for some samples, (n_part, m + p + own).
+
+        The column of a tap is S w[k - i] - S w[k]: it changes no static gain, which the weights do already.
+        """
+        m = self.width
+        begin, end, _ = part.indices(self.start.size)
+        # No lag reaches farther back than the order: the force of other samples is not needed.
+        reach = slice(max(0, begin - self.order), end)
+        force, first = self.static[reach] @ weights, np.ascontiguousarray(self.static[reach, 0])
+        index, start = np.arange(begin, end), self.start[begin:end]
+        out = np.zeros((end - begin, m + taps.size + own))
+        filtered(self.static, self.start, begin, np.concatenate([[1.0], taps]), out)
+        for i in range(1, taps.size + 1):
+            back, now = np.maximum(index - i, start) - reach.start, index - reach.start
+            out[:, m + i - 1] = force[back] - force[now]
+            if own:
+                out[:, m + taps.size + i - 1] = first[back] - first[now]
+        return out
+
+
+@njit(cache=True)
+def stacked(static, start, begin, used, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Write static[k - i, j] to out[k - begin, i m + j] for samples in use, held as in `filtered`."""
+    width = static.shape[1]
+    for k in range(out.shape[0]):
+        if used[begin + k]:
+            for i in range(out.shape[1] // width):
+                back = max(begin + k - i, start[begin + k])
+                for j in range(width):
+                    out[k, i * width + j] = static[back, j]
+
+
+@njit(cache=True)
+def filtered(static, start, begin, lags, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Add sum_i lags[i] static[k - i, j] to out[k - begin, j], held at the first value of each gap-free piece."""
+    for k in range(out.shape[0]):
+        for i in range(lags.size):
+            back = max(begin + k - i, start[begin + k])
+            for j in range(static.shape[1]):
+                out[k, j] += lags[i] * static[back, j]
 
 
 def total(blocks: NDArray[np.float64], rows: Bools | None) -> Floats:

@@ -4,7 +4,7 @@ At 400,000 samples and 30 parameters it would take 100 MB, once for each model t
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -32,31 +32,35 @@ class Rows(Protocol):
 
 @dataclass(frozen=True)
 class Tangent:
-    """Columns M C of the base model and columns beside them.
+    """Derivative of the base model, each column over its norm, and columns beside them.
 
     Attributes
     ----------
-    products : the lagged columns M. coefficients : C, (L, q_base). beside : (n, c) each.
+    products : the lagged columns. weights, taps : where the derivative is taken, (m,) and (p,).
+    norm : of its columns, (q_base,). beside : (n, c) each.
     """
 
     products: LaggedProducts
-    coefficients: Floats
+    weights: Floats
+    taps: Floats
+    norm: Floats
     beside: tuple[Floats, ...] = field(default_factory=tuple)
 
     @property
     def shape(self) -> tuple[int, int]:
         """(n, q)."""
-        width = self.coefficients.shape[1] + sum(c.shape[1] for c in self.beside)
+        width = self.norm.size + sum(c.shape[1] for c in self.beside)
         return self.products.static.shape[0], width
 
     def __getitem__(self, part: slice, /) -> Floats:
         """Return the columns of some samples, (n_part, q)."""
-        base = self.products.combine(self.coefficients, part)
+        own = self.norm.size - self.weights.size - self.taps.size
+        base = self.products.derivative(self.weights, self.taps, own, part) / self.norm
         return np.concatenate([base, *(c[part] for c in self.beside)], axis=1) if self.beside else base
 
     def beside_it(self, columns: Sequence[Floats]) -> "Tangent":
         """Return the tangent with further columns, (n, c) each."""
-        return Tangent(self.products, self.coefficients, (*self.beside, *columns))
+        return replace(self, beside=(*self.beside, *columns))
 
 
 def pieces(n: int) -> Iterator[slice]:
