@@ -1,11 +1,14 @@
 """`diagnose --each`: a row a recording, since when a rig shows what, and how it grows."""
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
 import pages
 import pytest
+from dask_cluster import ROOT, cluster
 from pyarrow import parquet
 
 from friction_estimator.bag.read import read_recording
@@ -135,6 +138,16 @@ def diagnosed(fleet, tmp_path_factory):
     out = tmp_path_factory.mktemp("out") / "out"
     assert run(*sorted(fleet.iterdir()), "--each", "--workers", 2, "--out", out) == 0
     return out
+
+
+def test_a_cluster_says_the_same_to_the_bit(fleet, diagnosed, tmp_path):
+    with cluster(tmp_path) as (address, _):
+        command = [sys.executable, "-m", "friction_estimator", "diagnose", *map(str, sorted(fleet.iterdir())), "--each"]
+        command += ["--scheduler", address, "--out", str(tmp_path / "out")]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    for name in ("rows.jsonl", "table.parquet", "findings.parquet"):
+        assert (diagnosed / name).read_bytes() == (tmp_path / "out" / name).read_bytes(), name
 
 
 def test_a_fleet_is_a_row_a_recording_with_what_grows(fleet, diagnosed):
