@@ -23,7 +23,7 @@ ALLOWED = {
     "effects": {"compiled", "core"},
     "rig": {"compiled", "core", "effects"},
     "bag": {"core", "documents", "output"},
-    "diagnosis": {"core", "effects", "rig"},
+    "diagnosis": {"compiled", "core", "effects", "rig"},
     "paper": {"core", "rig"},
     "export": {"core"},
     "sweep": {"core", "effects", "bag", "tasks"},

@@ -98,6 +98,7 @@ def test_separators_are_found_and_words_and_blanks_survive(tmp_path, separator):
         ("run.csv", b"", "has no header line"),
         ("run.csv", b"t,v,f\n", "no usable row: the table is empty"),
         ("run.csv", b"t,v,f\n0,1\n1,2,3,4,5\n", "is no readable csv table"),
+        ("run.csv", b"t," * 10_000 + b"v\n0,1\n", "names 10001 columns; at most 10000 are read"),
         ("run.csv", b"t,v,f\n0,1,2,3\n1,2,3,4\n", "its rows hold 4 cells and the header names 3: name every column"),
         ("run.csv", b"t,v," + b"f" * 2_000_000, "has a first line of more than"),
         ("run.csv", b"t,v,f\n0,1,\xff\xfe\n", "is no readable csv table"),

@@ -99,7 +99,7 @@ def test_the_model_of_one_time_is_the_static_force_of_another_time() -> None:
     """A delay of three whole samples, taken in by the columns, leaves the taps what they were without it."""
     plain = fit_base(build_record([record()], Config()), SEAL)
     late = BaseProblem(build_record([record(["time_delay:delay=0.015"])], Config()), SEAL, Capacity(SPLINES, 8))
-    moved = late.with_whole(EFFECTS["time_delay"], {"delay": 0.015})
+    moved = late.with_static(EFFECTS["time_delay"].whole({"delay": 0.015}, late.tables, late.record.features))
     fit = BaseFit.of(moved, moved.fit())
     assert fit.effective_taps[:3] == pytest.approx(plain.effective_taps[:3], abs=0.03)
     assert np.std(fit.residual_N) == pytest.approx(np.std(plain.residual_N), rel=0.05)

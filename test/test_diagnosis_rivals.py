@@ -10,8 +10,9 @@ from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import SPLINES, BaseProblem, Capacity
 from friction_estimator.diagnosis.diagnose import diagnose
-from friction_estimator.diagnosis.joint import Joint, JointFit, Term
+from friction_estimator.diagnosis.joint import Joint, JointFit
 from friction_estimator.diagnosis.library import build_library, columns_of
+from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import Record, build_record
 from friction_estimator.diagnosis.rivals import Alike, alike, closest
 from friction_estimator.diagnosis.trials import SEPARATES, Drive, Outcome, Trials

@@ -7,7 +7,8 @@ from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import SPLINES, BaseProblem, Capacity
 from friction_estimator.diagnosis.candidates import Candidates
 from friction_estimator.diagnosis.diagnose import diagnose
-from friction_estimator.diagnosis.joint import JointFit, Term, before
+from friction_estimator.diagnosis.joint import JointFit
+from friction_estimator.diagnosis.own_columns import Term, before
 from friction_estimator.diagnosis.record import build_record
 from friction_estimator.effects import EFFECTS, parse_effect
 from friction_estimator.rig.drive import segment

@@ -23,6 +23,9 @@ from friction_estimator.bag.columns import Columns, TableFile
 from friction_estimator.bag.lfs import check_no_pointer
 from friction_estimator.core.errors import FrictionEstimatorError, InputError
 
+_MOST_COLUMNS = 10_000
+"""Columns of a CSV table: pandas takes time in the square of them to tell equal names apart (9 s for 25,000)."""
+
 _HEADER_BYTES = 1 << 20
 """Longest header line of a CSV file: a hundred thousand columns."""
 
@@ -92,6 +95,8 @@ class _Csv:
         separator = _separator(header, lines[:1])
         # Where the first row has more cells than the header, pandas would take the first ones for the names of rows.
         named, *found = (len(row) for row in csv.reader([header, *lines[:1]], delimiter=separator))
+        if named > _MOST_COLUMNS:
+            raise InputError(f"{path} names {named} columns; at most {_MOST_COLUMNS} are read: is it a CSV table?")
         if found and found[0] > named:
             raise InputError(f"{path}: its rows hold {found[0]} cells and the header names {named}: name every column")
         self._read: Callable[..., Any] = pd.read_csv

@@ -138,3 +138,21 @@ def reference_of(fit: BaseFit, record: Record, sign_velocity_m_s: float) -> Refe
         sign_velocity_m_s,
         fit.taps,
     )
+
+
+def theory_reference(problem: BaseProblem, sign_velocity_m_s: float) -> Reference:
+    """Return the tables of the theory alone, of gain one and without a FIR behind them."""
+    f, theory = problem.record.features, problem.theory
+    if theory is None:
+        raise ValueError("the base has no theory")
+    temperature = float(f.temperature_degC.mean())
+    viscous, boundary, parts = theory_parts(theory, 1.0, temperature)
+    return Reference.tabulate(
+        lambda v, p: theory.evaluate(v, p, np.full(v.size, temperature)),
+        viscous,
+        boundary,
+        parts,
+        problem.curve.top,
+        pressure_nodes(f.pressure_Pa),
+        sign_velocity_m_s,
+    )

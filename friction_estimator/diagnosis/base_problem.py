@@ -11,7 +11,7 @@ what a structure leaves repeats with the drive. The fit minimises the negative l
 are halved until they descend, from several starts; everything happens in the products of `lagged`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -27,7 +27,6 @@ from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.lagged import Extra, LaggedProducts, total
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.tangent import pieces
-from friction_estimator.effects.base import Effect
 from friction_estimator.effects.whole import StaticTables
 
 SPLINES = 12
@@ -131,16 +130,14 @@ def tap_covariance(order: int) -> Floats:
     return decaying(order, TAP_DEVIATION, TAP_DECAY)
 
 
-Whole = tuple[type[Effect], Mapping[str, float]]
-"""An effect that is one time of the whole force, and its parameters."""
-
-
 class BaseProblem:
     """The base model on one record: its columns, their products, its prior.
 
     Parameters
     ----------
     record : the data. config : theory. capacity : of the curve and the FIR (default `SPLINES` and `fir.order`).
+    static : (n, m), other columns in place of theory and splines at the velocity. chosen : (blocks,) bool, blocks whose
+        products are formed (default all).
     """
 
     def __init__(
@@ -148,8 +145,7 @@ class BaseProblem:
         record: Record,
         config: Config,
         capacity: Capacity | None = None,
-        whole: Whole | None = None,
-        tables: StaticTables | None = None,
+        static: Floats | None = None,
         chosen: Bools | None = None,
     ) -> None:
         f = record.features
@@ -157,11 +153,8 @@ class BaseProblem:
         self.record, self.config, self.capacity = record, config, capacity
         self.theory = theory_from_config(config)
         self.curve = OddCurve(float(np.abs(f.velocity_m_s).max()), capacity.splines)
-        if whole is None:
+        if static is None:
             static = self.columns(f.velocity_m_s, f.pressure_Pa, f.temperature_degC)
-        else:
-            effect, params = whole
-            static = effect.whole(params, tables or self.tables, f)
         used = record.used
         self.products = LaggedProducts(
             static, capacity.order, record.friction_N, used, record.restart, record.block, chosen
@@ -205,11 +198,9 @@ class BaseProblem:
             delay += share * float(lags @ found.own)
         return delay / max(1.0 + float(found.taps.sum()), 1e-3)
 
-    def with_whole(
-        self, effect: type[Effect], params: Mapping[str, float], chosen: Bools | None = None
-    ) -> "BaseProblem":
-        """Return the problem with one time of the whole force in its static columns, on some blocks or all."""
-        return BaseProblem(self.record, self.config, self.capacity, (effect, params), self.tables, chosen)
+    def with_static(self, static: Floats, chosen: Bools | None = None) -> "BaseProblem":
+        """Return the problem with other static columns, (n, m), on some blocks or all."""
+        return BaseProblem(self.record, self.config, self.capacity, static, chosen)
 
     # Coefficients of the lagged columns
 

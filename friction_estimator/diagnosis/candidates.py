@@ -9,7 +9,8 @@ from scipy.stats import t as student
 from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.base_problem import BaseProblem
 from friction_estimator.diagnosis.intervals import estimates
-from friction_estimator.diagnosis.joint import Joint, JointFit, Term, cross_validated_loss
+from friction_estimator.diagnosis.joint import Joint, JointFit, cross_validated_loss
+from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.effects.base import REVERSAL, Effect
 from friction_estimator.effects.features import Context
 

@@ -6,7 +6,8 @@ import numpy as np
 from scipy.stats import t as student
 
 from friction_estimator.core.sample import Floats
-from friction_estimator.diagnosis.joint import Joint, Term
+from friction_estimator.diagnosis.joint import Joint
+from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.effects.features import Context
 

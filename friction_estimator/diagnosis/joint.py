@@ -1,7 +1,7 @@
 """Base model and named effects fitted together: nonlinear parameters refined, tangent, held-out loss."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,14 +11,13 @@ from friction_estimator.diagnosis.base_problem import BaseProblem, Coefficients
 from friction_estimator.diagnosis.evidence import Evidence
 from friction_estimator.diagnosis.lagged import Extra
 from friction_estimator.diagnosis.library import columns_of, with_running_force
+from friction_estimator.diagnosis.own_columns import OwnColumns, Term, before, time_of
 from friction_estimator.diagnosis.products import inner
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.seek import best_time, over_bends, over_jumps
 from friction_estimator.diagnosis.tangent import Tangent, chosen_rows, normal_equations
-from friction_estimator.effects.base import Effect
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.reference import Reference
-from friction_estimator.effects.trace import STAGES
 
 ROUNDS = 24
 SETTLED, SETTLED_COST = 1e-3, 2e-3
@@ -38,20 +37,6 @@ JUMP_STEP = 4e-3
 
 HELD = 1e12
 """Penalty of a tangent coefficient that must stay zero."""
-
-
-@dataclass(frozen=True)
-class Term:
-    """One effect in a model: its class, its parameters and the coefficients of its columns."""
-
-    effect: type[Effect]
-    params: dict[str, float]
-    weights: Floats = field(default_factory=lambda: np.zeros(0))
-
-    @property
-    def name(self) -> str:
-        """Id of the effect."""
-        return self.effect.name
 
 
 @dataclass(frozen=True)
@@ -85,7 +70,7 @@ class Joint:
 class JointFit:
     """The joint fit of base and effects to one record, or to some of its blocks.
 
-    An effect that is one time of the whole force changes the base's own columns; the others add columns beside it.
+    One time of the whole force and a lagging film change the base's own columns; the others add columns beside it.
 
     Parameters
     ----------
@@ -97,10 +82,8 @@ class JointFit:
         self._problem, self._context, self._rows = problem, context, rows
         self._record = problem.record
         self._used = self._record.used if rows is None else self._record.used & rows[self._record.block]
-        self._known: tuple[str, dict[str, float], BaseProblem] | None = None
-        self._moved: tuple[float, Features] | None = None
+        self._base = OwnColumns(problem, context)
         self._scans: JointFit | None = None
-        self._chosen: Bools | None = None
 
     def __call__(
         self, terms: Sequence[Term] = (), start: Coefficients | None = None, rounds: int = ROUNDS, search: bool = True
@@ -118,7 +101,7 @@ class JointFit:
             return self._finished(base, (), *self._reference(base, terms))
         reference, features = self._reference(base, terms)
         if search and terms[-1].effect.refined:
-            looked = self._scanned if terms[-1].effect.delays else self._searched
+            looked = self._scanned if self._base.changed_by(terms[-1]) else self._searched
             terms[-1] = replace(terms[-1], params=looked(terms, base, reference, features))
         anchors = [{n: t.effect.bracket(n, t.params[n], self._context) for n in t.effect.refined} for t in terms]
         columns = self._columns(terms, reference, features)
@@ -133,16 +116,6 @@ class JointFit:
                 break
         return self._finished(base, terms, reference, features)
 
-    def _base(self, terms: Sequence[Term]) -> BaseProblem:
-        """Return the base model's problem with the whole force's time of these terms in it."""
-        term = next((t for t in terms if t.effect.delays), None)
-        if term is None:
-            return self._problem
-        if self._known is None or self._known[:2] != (term.name, term.params):
-            problem = self._problem.with_whole(term.effect, term.params, self._chosen)
-            self._known = term.name, term.params, problem
-        return self._known[2]
-
     def _reference(self, base: Coefficients, terms: Sequence[Term]) -> tuple[Reference, Features]:
         record = self._record
         fit = BaseFit.of(self._base(terms), base)
@@ -155,17 +128,13 @@ class JointFit:
 
     def _column(self, terms: Sequence[Term], i: int, reference: Reference, features: Features) -> Floats:
         """Return the columns of one term, (n, c), at the time of the whole force where it acts before that."""
-        term, time = terms[i], next((t for t in terms if t.effect.delays), None)
-        if term.effect.delays:
+        term, time = terms[i], time_of(terms)
+        if self._base.changed_by(term):
             return np.zeros((features.size, 0))
         if time is None or not before(term.effect, time.effect):
             return columns_of(term.effect, term.params, features, reference)
-        late = time.effect.late_s(time.params)
-        if late != 0.0:
-            # The motion is moved, not its columns: a reversal between two samples is then as sharp as before.
-            if self._moved is None or self._moved[0] != late:
-                self._moved = late, self._record.features_at(self._problem.config, late)
-            features = with_running_force(self._moved[1], reference)
+        if time.effect.late_s(time.params) != 0.0:
+            features = with_running_force(self._base.at(time, features), reference)
         made = columns_of(term.effect, term.params, features, reference)
         return time.effect.smoothed(time.params, made, features)
 
@@ -173,8 +142,9 @@ class JointFit:
         """Fit base and coefficients for given columns."""
         problem = self._base(terms)
         products = problem.products
-        fixed = [c[:, 0] for c, t in zip(columns, terms, strict=True) if t.effect.fixed_gain and not t.effect.delays]
-        free = [c for c, t in zip(columns, terms, strict=True) if not t.effect.fixed_gain]
+        beside = [(c, t) for c, t in zip(columns, terms, strict=True) if not self._base.changed_by(t)]
+        fixed = [c[:, 0] for c, t in beside if t.effect.fixed_gain]
+        free = [c for c, t in beside if not t.effect.fixed_gain]
         settled = np.sum(fixed, axis=0)[:, None] if fixed else None
         extra = np.column_stack(free) if free else None
         starts = [start, replace(start, taps=np.zeros(start.taps.size))] if problem is not self._problem else [start]
@@ -195,13 +165,13 @@ class JointFit:
             rows = np.ones(blocks, np.bool_) if self._rows is None else self._rows.copy()
             rows[1 - int(rows[0]) :: 2] = False
             self._scans = JointFit(self._problem, self._context, rows)
-            self._scans._chosen = rows
+            self._scans._base.chosen = rows
         return self._scans
 
     def _scanned(
         self, terms: Sequence[Term], base: Coefficients, reference: Reference, features: Features
     ) -> dict[str, float]:
-        """Return the parameters of a time of the whole force at which everything else fits best."""
+        """Return the parameters of what changes the base's own columns at which everything else fits best."""
         effect, params = terms[-1].effect, dict(terms[-1].params)
         name = effect.refined[0]
         scan = self._scanner()
@@ -210,8 +180,10 @@ class JointFit:
             trial = [*terms[:-1], replace(terms[-1], params=params | {name: value})]
             return scan._fitted(trial, self._columns(trial, reference, features), base)
 
-        value = best_time(fitted, base, self._problem.mean_delay, self._context.step_s)
-        return params | {name: value}
+        if effect.delays:
+            return params | {name: best_time(fitted, base, self._problem.mean_delay, self._context.step_s)}
+        low, high = effect.bracket(name, params[name], self._context)
+        return params | {name: over_bends(lambda v: fitted(v).cost, low, high)}
 
     def _searched(
         self, terms: Sequence[Term], base: Coefficients, reference: Reference, features: Features
@@ -223,7 +195,7 @@ class JointFit:
         used = self._used
         fit = BaseFit.of(self._base(terms), base)
         others = self._columns(terms[:-1], reference, features)
-        alone = [t for t in terms[:-1] if not t.effect.delays]
+        alone = [t for t in terms[:-1] if not self._base.changed_by(t)]
         fixed = [c[:, 0] for c, t in zip(others, terms, strict=False) if t in alone and t.effect.fixed_gain]
         free = [c for c, t in zip(others, terms, strict=False) if t in alone and not t.effect.fixed_gain]
         e = (self._record.friction_N - fit.fitted_N - (np.sum(fixed, axis=0) if fixed else 0.0))[used]
@@ -307,18 +279,15 @@ class JointFit:
         if step <= 0.0:
             return np.zeros(features.size)
         params = term.params | {name: term.params[name] + step}
-        if term.effect.delays:
-            # The force alone: no products of any block are needed for it.
-            no_block = np.zeros(self._problem.products.edges.size - 1, np.bool_)
-            other, found = self._problem.with_whole(term.effect, params, no_block), fit.coefficients
-            moved = other.products.fitted(found.weights, found.taps, found.own) - fit.fitted_N
-            trial = [*terms[:i], replace(term, params=params), *terms[i + 1 :]]
-            for j, one in enumerate(terms):
-                if j != i and before(one.effect, term.effect):
-                    later, now = (self._column(some, j, reference, features) for some in (trial, terms))
-                    moved = moved + (later - now) @ one.weights
-            return np.asarray(moved / step)
         trial = [*terms[:i], replace(term, params=params), *terms[i + 1 :]]
+        if self._base.changed_by(term):
+            moved = self._base.force(trial, fit.coefficients) - fit.fitted_N
+            for j, one in enumerate(terms):
+                if j != i and term.effect.delays and before(one.effect, term.effect):
+                    later, now = (self._column(some, j, reference, features) for some in (trial, terms))
+                    if now.size:
+                        moved = moved + (later - now) @ one.weights
+            return np.asarray(moved / step)
         moved = self._column(trial, i, reference, features)
         return np.asarray((moved - column) @ term.weights / step)
 
@@ -329,8 +298,8 @@ class JointFit:
         columns = self._columns(terms, reference, features)
         parts, residual = [], record.friction_N - fit.fitted_N
         for column, term in zip(columns, terms, strict=True):
-            if term.effect.delays:
-                parts.append(fit.fitted_N - BaseFit.of(self._problem, base).fitted_N)
+            if self._base.changed_by(term):
+                parts.append(fit.fitted_N - self._base.force([t for t in terms if t is not term], base))
             else:
                 parts.append(column @ term.weights)
                 residual = residual - parts[-1]
@@ -358,11 +327,6 @@ class JointFit:
         return Joint(
             fit, tuple(terms), reference, features, tuple(parts), residual, tangent, penalty, np.concatenate(scales)
         )
-
-
-def before(one: type[Effect], other: type[Effect]) -> bool:
-    """Return whether an effect acts at an earlier stage than another one."""
-    return STAGES.index(one.stage) < STAGES.index(other.stage)
 
 
 def weighted(terms: Sequence[Term], columns: Sequence[Floats], weights: Floats) -> list[Term]:

@@ -17,8 +17,9 @@ from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base import BaseFit, reference_of
 from friction_estimator.diagnosis.base_problem import BaseProblem
 from friction_estimator.diagnosis.evidence import Evidence
-from friction_estimator.diagnosis.joint import Joint, Term
+from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.library import built, columns_of, with_running_force
+from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import Record, build_record
 from friction_estimator.diagnosis.rivals import alike
 from friction_estimator.effects.base import SLOW, Effect

@@ -117,6 +117,7 @@ class Effect:
         Clipping and bias are none of these: they would blame the sensor for it.
     delays : True where the effect is one time of the whole force, which the base's own memory can take up: the two are
         compared by evidence.
+    in_theory : True where the effect moves the theory's own curve, so that its columns scale with the theory's gain.
     scatters : True where the effect adds scatter rather than a mean.
     detects_at : when `detect` is asked, one of `detection.ORDER`; "" where the effect is no fault of the data.
     figure : kind of figure that shows it (`report.diagnosis_figures`); "reveals" is the residual over `reveals`.
@@ -144,6 +145,7 @@ class Effect:
     recorded: ClassVar[bool] = False
     about_curve: ClassVar[bool] = False
     delays: ClassVar[bool] = False
+    in_theory: ClassVar[bool] = False
     scatters: ClassVar[bool] = False
     detects_at: ClassVar[str] = ""
     figure: ClassVar[str] = "reveals"

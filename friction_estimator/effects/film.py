@@ -116,6 +116,7 @@ class FrictionalLag(Effect):
     family = "film"
     stage = "lubrication"
     acts = REVERSAL
+    in_theory = True
     keys = (
         Key("lag", "s", 0.01, 0.0, 100.0, "time by which the film follows the speed"),
         form_key("a pure delay of the film instead of a first-order lag"),

@@ -1,0 +1,112 @@
+"""Effects that change the base's own columns: one time of the whole force, and a film that follows an earlier speed.
+
+A delay moves every column of the base, a lagging film the theory's alone. Held beside the base with coefficient one,
+the film's column would be made from the theory's gain of the fit before it: a fixed point that takes tens of rounds to
+settle, while the lag, fitted beside a wrong gain, hardly moves (decision 0132).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from friction_estimator.core.sample import Bools, Floats
+from friction_estimator.diagnosis.base import theory_reference
+from friction_estimator.diagnosis.base_problem import BaseProblem, Coefficients
+from friction_estimator.diagnosis.library import columns_of
+from friction_estimator.effects.base import Effect
+from friction_estimator.effects.features import Context, Features
+from friction_estimator.effects.reference import Reference
+from friction_estimator.effects.trace import STAGES
+
+
+@dataclass(frozen=True)
+class Term:
+    """One effect in a model: its class, its parameters and the coefficients of its columns."""
+
+    effect: type[Effect]
+    params: dict[str, float]
+    weights: Floats = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def name(self) -> str:
+        """Id of the effect."""
+        return self.effect.name
+
+
+def before(one: type[Effect], other: type[Effect]) -> bool:
+    """Return whether an effect acts at an earlier stage than another one."""
+    return STAGES.index(one.stage) < STAGES.index(other.stage)
+
+
+def time_of(terms: Sequence[Term]) -> Term | None:
+    """Return the one time of the whole force among some terms."""
+    return next((t for t in terms if t.effect.delays), None)
+
+
+class OwnColumns:
+    """The base's problem with its own columns changed by some terms.
+
+    Parameters
+    ----------
+    problem : without any. context : facts about the record. chosen : (blocks,) bool, blocks whose products are formed
+        (default all).
+    """
+
+    def __init__(self, problem: BaseProblem, context: Context, chosen: Bools | None = None) -> None:
+        self.problem, self._context, self.chosen = problem, context, chosen
+        self._last: tuple[list[tuple[str, dict[str, float]]], BaseProblem] | None = None
+        self._moved: tuple[float, Features] | None = None
+
+    @cached_property
+    def _theory(self) -> Reference:
+        return theory_reference(self.problem, self._context.sign_velocity_m_s)
+
+    def changed_by(self, term: Term) -> bool:
+        """Return whether a term changes the base's own columns; a film does so where there is a theory."""
+        return term.effect.delays or (term.effect.in_theory and self.problem.theory is not None)
+
+    def __call__(self, terms: Sequence[Term]) -> BaseProblem:
+        """Return the problem with these terms in it; the last one made is kept."""
+        inside = [t for t in terms if self.changed_by(t)]
+        if not inside:
+            return self.problem
+        key = [(t.name, t.params) for t in inside]
+        if self._last is None or self._last[0] != key:
+            self._last = key, self.problem.with_static(self._static(inside), self.chosen)
+        return self._last[1]
+
+    def force(self, terms: Sequence[Term], found: Coefficients) -> Floats:
+        """Return the base's force with these terms in it, (n,), N; no products are formed for it."""
+        inside = [t for t in terms if self.changed_by(t)]
+        problem = self.problem
+        if inside:
+            problem = problem.with_static(self._static(inside), np.zeros(problem.products.edges.size - 1, np.bool_))
+        return problem.products.fitted(found.weights, found.taps, found.own)
+
+    def at(self, time: Term, features: Features) -> Features:
+        """Return the features at the time at which what acts before the delay did so.
+
+        The motion is moved, not its columns: a reversal between two samples is then as sharp as before.
+        """
+        late = time.effect.late_s(time.params)
+        if late == 0.0:
+            return features
+        if self._moved is None or self._moved[0] != late:
+            self._moved = late, self.problem.record.features_at(self.problem.config, late)
+        return self._moved[1]
+
+    def _static(self, inside: Sequence[Term]) -> Floats:
+        problem, time = self.problem, time_of(inside)
+        here = problem.record.features
+        static = problem.products.static if time is None else time.effect.whole(time.params, problem.tables, here)
+        for term in inside:
+            if term.effect.delays:
+                continue
+            features = here if time is None else self.at(time, here)
+            column = columns_of(term.effect, term.params, features, self._theory)
+            if time is not None:
+                column = time.effect.smoothed(time.params, column, features)
+            static = np.column_stack([static[:, :1] + column, static[:, 1:]])
+        return static
