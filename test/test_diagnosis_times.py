@@ -69,11 +69,28 @@ def test_a_time_is_sought_again_beside_what_was_found_after_it(name: str, delay:
     assert first is not None
     both = fits(first.model, "presliding", {"length": 3e-5, "spread": 1.0})
     assert both is not None
-    assert abs(both.model.joint.terms[0].params["delay"] - delay) > 0.003
+    assert abs(both.model.joint.terms[0].params["delay"] - delay) > 0.002
     settled = fits.resettled(first.model, both)
     assert [term.name for term in settled.model.joint.terms] == [name, "presliding"]
-    assert settled.model.joint.terms[0].params["delay"] == pytest.approx(delay, abs=3e-4)
+    assert settled.model.joint.terms[0].params["delay"] == pytest.approx(delay, abs=5e-4)  # a tenth of a sample
     assert settled.gain > both.gain
+
+
+def test_a_lag_of_the_film_settles_in_a_few_rounds() -> None:
+    """Beside the base, with coefficient one, it took tens of rounds: the column followed the gain of the last one."""
+    samples = simulate(Scenario(SHORT, plant="film_lag", rate_hz=200.0, seed=7)).samples
+    record = build_record([samples], SEAL)
+    context = record.context(SEAL, float(np.abs(record.friction_N).max()))
+    problem = BaseProblem(record, SEAL)
+    settled = JointFit(problem, context)([Term(EFFECTS["frictional_lag"], {"lag": 0.004})])
+    soon = JointFit(problem, context)([Term(EFFECTS["frictional_lag"], {"lag": 0.004})], rounds=4)
+    assert soon.terms[0].params["lag"] == pytest.approx(settled.terms[0].params["lag"], rel=1e-3)
+    assert soon.base.coefficients.cost < 1.002 * settled.base.coefficients.cost
+    whole = settled.base.fitted_N
+    without = problem.products.fitted(
+        settled.base.coefficients.weights, settled.base.coefficients.taps, settled.base.coefficients.own
+    )
+    np.testing.assert_allclose(settled.parts_N[0], whole - without, atol=1e-12)
 
 
 def test_a_velocity_that_is_late_is_found_behind_bristles() -> None:

@@ -29,8 +29,8 @@ EARLY = 2.5
 """Sample periods after a reversal without which an effect that acts everywhere must still gain."""
 
 
-RESETTLED = 0.01
-"""Share of the cost that an earlier term's other place must save."""
+RESETTLED = 10.0
+"""Variances of the residual that an earlier term's other place must save: a probability ratio of exp(5)."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,8 @@ class Candidates:
                 continue
             last = sorted(best.terms, key=lambda t, n=name: t.name == n)  # type: ignore[misc]
             found = self._fit(last, best.base.coefficients)
-            if found.base.coefficients.cost < (1.0 - RESETTLED) * best.base.coefficients.cost:
+            here, there = best.base.coefficients, found.base.coefficients
+            if here.cost - there.cost > RESETTLED * here.variance:
                 ordered = sorted(found.terms, key=lambda t: names.index(t.name))
                 best = self._fit(ordered, found.base.coefficients, search=False)
         if best is one.model.joint:

@@ -181,7 +181,8 @@ class JointFit:
             return scan._fitted(trial, self._columns(trial, reference, features), base)
 
         if effect.delays:
-            return params | {name: best_time(fitted, base, self._problem.mean_delay, self._context.step_s)}
+            ahead = effect.late_s({name: 1.0}) < 0.0
+            return params | {name: best_time(fitted, base, self._problem.mean_delay, self._context.step_s, ahead)}
         low, high = effect.bracket(name, params[name], self._context)
         return params | {name: over_bends(lambda v: fitted(v).cost, low, high)}
 

@@ -21,6 +21,9 @@ SCANNED = (0.1, 0.3, 0.6, 1.0, 2.0, 4.0)
 MEMORY_MOVES = 6
 """Most times that the base's memory is moved over into a time of the whole force."""
 
+MOVED, MOVED_AHEAD = 0.05, 0.005
+"""Share of the time, or of a sample, below which no more is moved over: of a force that is late, and of one ahead."""
+
 NEIGHBOURS = (-1.0, -0.75, -0.5, -0.25, 0.25, 0.5, 0.75)
 """Samples beside the end of that walk that are tried too."""
 
@@ -55,20 +58,26 @@ def best_time(
     start: Coefficients,
     mean_delay: Callable[[Coefficients], float],
     step_s: float,
+    ahead: bool = False,
 ) -> float:
     """Return the time of the whole force at which everything else fits best, s.
 
     Parameters
     ----------
     fitted : the fit at a time. start : the fit without it. mean_delay : of the base's memory in a fit, samples.
-    step_s : sample period.
+    step_s : sample period. ahead : the time is one by which the force is ahead, as for a velocity that is late: the
+        memory can take up nothing of it, and what it delays the time has to make up for.
     """
     tried = {share * step_s: fitted(share * step_s) for share in SCANNED}
-    # What the base's memory has taken up belongs to the whole force's time: moved over until none is left.
-    value, left = 0.0, start
+    # What the base's memory has taken up belongs to the whole force's time: moved over until none is left. No memory
+    # takes up a force that is ahead: it delays what too long a time has put too far ahead, and the wells are narrow.
+    value, left, way, enough = 0.0, start, 1.0, MOVED
+    if ahead:
+        value = min(tried, key=lambda time: tried[time].cost)
+        left, way, enough = tried[value], -1.0, MOVED_AHEAD
     for _ in range(MEMORY_MOVES):
-        more = mean_delay(left) * step_s
-        if more <= 0.05 * max(value, step_s):
+        more = way * mean_delay(left) * step_s
+        if (abs(more) if ahead else more) <= enough * max(value, step_s) or value + more <= 0.0:
             break
         value += more
         tried[value] = left = fitted(value)
@@ -82,7 +91,7 @@ def best_time(
     found, cost = _between(fitted, low, high)
     best = found if cost < tried[best].cost else best
     here = fitted(best)
-    while mean_delay(here) > LEFT_OVER:
+    while not ahead and mean_delay(here) > LEFT_OVER:
         # One sample more and one sample less of memory fit nearly as well: a comb of minima, one sample apart.
         other, _ = _between(fitted, best + 0.75 * step_s, best + 1.25 * step_s)
         there = fitted(other)
