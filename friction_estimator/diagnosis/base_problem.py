@@ -42,8 +42,9 @@ OWN_LAGS = 3.0
 CURVE_DEVIATION = 30.0
 """Prior standard deviation of a spline weight over the rms of friction: keeps unvisited velocities at zero."""
 
-THEORY_DEVIATION = 10.0
-"""Prior standard deviation of the theory's gain: its scale is an assumption."""
+THEORY_DEVIATION = 2.0
+"""Prior standard deviation of the theory's gain: its scale is an assumption. Wider, and a film's lag and the gain trade
+against each other where a record has one period only, since the splines take up the static difference."""
 
 STARTS: tuple[tuple[float, float], ...] = ((0.0, 0.0), (0.3, 0.3), (1.0, 0.6), (2.0, 0.8))
 """First tap and ratio of the taps that the fit starts from."""
