@@ -1,5 +1,6 @@
 """The fitted base model: its force, its tangent, its static curve, and the tables for dynamic regressors."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -123,36 +124,33 @@ def fit_base(record: Record, config: Config, capacity: Capacity | None = None) -
 
 def reference_of(fit: BaseFit, record: Record, sign_velocity_m_s: float) -> Reference:
     """Return the tables from which dynamic regressors are made."""
-    f = record.features
-    temperature = float(f.temperature_degC.mean())
-    nodes = pressure_nodes(f.pressure_Pa)
     gain = fit.theory_gain * (1.0 + float(fit.taps.sum()))
-    viscous, boundary, theory = theory_parts(fit.theory, gain, temperature)
-    return Reference.tabulate(
-        lambda v, p: fit.static_force(v, p, temperature),
-        viscous,
-        boundary,
-        theory,
-        fit.curve.top,
-        nodes,
-        sign_velocity_m_s,
-        fit.taps,
-    )
+    return _tabulated(fit.static_force, fit.theory, gain, record, fit.curve.top, sign_velocity_m_s, fit.taps)
 
 
 def theory_reference(problem: BaseProblem, sign_velocity_m_s: float) -> Reference:
     """Return the tables of the theory alone, of gain one and without a FIR behind them."""
-    f, theory = problem.record.features, problem.theory
+    theory = problem.theory
     if theory is None:
         raise ValueError("the base has no theory")
-    temperature = float(f.temperature_degC.mean())
-    viscous, boundary, parts = theory_parts(theory, 1.0, temperature)
-    return Reference.tabulate(
-        lambda v, p: theory.evaluate(v, p, np.full(v.size, temperature)),
-        viscous,
-        boundary,
-        parts,
-        problem.curve.top,
-        pressure_nodes(f.pressure_Pa),
-        sign_velocity_m_s,
-    )
+
+    def force(velocity_m_s: Floats, pressure_Pa: Floats, temperature_degC: float) -> Floats:
+        return theory.evaluate(velocity_m_s, pressure_Pa, np.full(velocity_m_s.size, temperature_degC))
+
+    return _tabulated(force, theory, 1.0, problem.record, problem.curve.top, sign_velocity_m_s)
+
+
+def _tabulated(
+    force: Callable[[Floats, Floats, float], Floats],
+    theory: TheoryCurve | None,
+    gain: float,
+    record: Record,
+    top_m_s: float,
+    sign_velocity_m_s: float,
+    taps: Floats | None = None,
+) -> Reference:
+    """Tabulate a force and the parts of a theory of this gain at the record's pressures and mean temperature."""
+    warm = float(record.features.temperature_degC.mean())
+    nodes = pressure_nodes(record.features.pressure_Pa)
+    parts = theory_parts(theory, gain, warm)
+    return Reference.tabulate(lambda v, p: force(v, p, warm), *parts, top_m_s, nodes, sign_velocity_m_s, taps)

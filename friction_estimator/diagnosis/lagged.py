@@ -30,6 +30,24 @@ def block_edges(block: Ints) -> Ints:
     return np.concatenate([np.flatnonzero(np.diff(block, prepend=-1)), [block.size]])
 
 
+def force(static: Floats, start: Ints, weights: Floats, taps: Floats, own: Floats) -> Floats:
+    """Return f = sum_i h_i S w[k - i] + sum_i c_i (S_0[k - i] - S_0[k]) with h_0 = 1, (n,).
+
+    Parameters
+    ----------
+    static : S, (n, m). start : of each sample's gap-free piece, (n,). weights : w, (m,). taps : h_1 ..., (p,).
+    own : c_1 ..., (p,) or empty: lags of the first column alone.
+    """
+    through = static @ weights
+    out = through.copy()
+    for i, tap in enumerate(taps, 1):
+        out += tap * lagged(through, i, start)
+    first = np.ascontiguousarray(static[:, 0])
+    for i, lag in enumerate(own, 1):
+        out += lag * (lagged(first, i, start) - first)
+    return out
+
+
 @dataclass(frozen=True)
 class Extra:
     """Products of further columns X (n, c) with the lagged columns M, with each other and with the force, by block.
@@ -108,26 +126,9 @@ class LaggedProducts:
             xy[b] = x.T @ self._force[rows]
         return Extra(mx, xx, xy)
 
-    def moved(self, values: Floats, lag: int, part: slice = slice(None)) -> Floats:
-        """Return values[k - lag] for some samples, held at the first value of the gap-free piece."""
-        index = np.arange(self.start.size)[part]
-        return np.asarray(values[np.maximum(index - lag, self.start[part])])
-
     def fitted(self, weights: Floats, taps: Floats, own: Floats) -> Floats:
-        """Return f = sum_i h_i S w[k - i] + sum_i c_i (S_0[k - i] - S_0[k]) with h_0 = 1, (n,).
-
-        Parameters
-        ----------
-        weights : w, (m,). taps : h_1 ..., (p,). own : c_1 ..., (p,) or empty: lags of the first column alone.
-        """
-        force = self.static @ weights
-        out = force.copy()
-        for i, tap in enumerate(taps, 1):
-            out += tap * self.moved(force, i)
-        first = np.ascontiguousarray(self.static[:, 0])
-        for i, lag in enumerate(own, 1):
-            out += lag * (self.moved(first, i) - first)
-        return out
+        """Return the force of the base model with these parameters, (n,), N: see `force`."""
+        return force(self.static, self.start, weights, taps, own)
 
     def derivative(self, weights: Floats, taps: Floats, own: int, part: slice = slice(None)) -> Floats:
         """Return d `fitted` / d (weights, taps, own lags) for some samples, (n_part, m + p + own).

@@ -14,6 +14,7 @@ import numpy as np
 from friction_estimator.core.sample import Bools, Floats
 from friction_estimator.diagnosis.base import theory_reference
 from friction_estimator.diagnosis.base_problem import BaseProblem, Coefficients
+from friction_estimator.diagnosis.lagged import force
 from friction_estimator.diagnosis.library import columns_of
 from friction_estimator.effects.base import Effect
 from friction_estimator.effects.features import Context, Features
@@ -80,10 +81,9 @@ class OwnColumns:
     def force(self, terms: Sequence[Term], found: Coefficients) -> Floats:
         """Return the base's force with these terms in it, (n,), N; no products are formed for it."""
         inside = [t for t in terms if self.changed_by(t)]
-        problem = self.problem
-        if inside:
-            problem = problem.with_static(self._static(inside), np.zeros(problem.products.edges.size - 1, np.bool_))
-        return problem.products.fitted(found.weights, found.taps, found.own)
+        products = self.problem.products
+        static = self._static(inside)
+        return force(static, products.start, found.weights, found.taps, found.own)
 
     def at(self, time: Term, features: Features) -> Features:
         """Return the features at the time at which what acts before the delay did so.

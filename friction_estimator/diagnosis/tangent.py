@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from friction_estimator.core.sample import Bools, Floats, Ints
+from friction_estimator.core.sums import parts
 from friction_estimator.diagnosis.lagged import LaggedProducts
 from friction_estimator.diagnosis.products import inner
 
@@ -64,13 +65,12 @@ class Tangent:
 
 
 def pieces(n: int) -> Iterator[slice]:
-    """Yield slices of at most `PIECE` samples that make up n.
+    """Return slices of at most `PIECE` samples that make up n.
 
     >>> [(p.start, p.stop) for p in pieces(20_000)]
     [(0, 16384), (16384, 20000)]
     """
-    for start in range(0, n, PIECE):
-        yield slice(start, min(start + PIECE, n))
+    return parts(n, PIECE)
 
 
 def piece_edges(edges: Ints) -> list[tuple[int, int]]:
