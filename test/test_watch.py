@@ -51,15 +51,20 @@ def graph(tmp_path):
 
 
 class Rig:
-    """A node, and samples fed to it no faster than it predicts them."""
+    """A node, and samples fed to it in their own time, and no faster than it predicts them.
+
+    Faster than a machine would send them they take the processor from what should show them, and come to their end.
+    """
+
+    RATE_HZ = 500.0
 
     def __init__(self, graph):
         self.graph = graph
         self.node = graph.start_node()
         self.predicted = graph.hear(WrenchStamped, f"{NODE}/friction_predicted", raw=True)
         self.feeder = Feeder(graph)
-        self.samples = list(zip(*(values.tolist() for values in motion(40_000, 500.0)), strict=True))
-        self.sent = 0
+        self.samples = list(zip(*(values.tolist() for values in motion(100_000, self.RATE_HZ)), strict=True))
+        self.sent, self.due_s = 0, 0.0
         self.connected()
 
     def connected(self):
@@ -67,6 +72,8 @@ class Rig:
         self.feeder.matched()
 
     def feed(self, count=50):
+        await_(lambda: time.monotonic() >= self.due_s, "the time of the samples")
+        self.due_s = time.monotonic() + count / self.RATE_HZ
         before = len(self.predicted)
         for sample in self.samples[self.sent : self.sent + count]:
             self.feeder.pair(*sample)
