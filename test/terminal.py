@@ -35,6 +35,8 @@ class Terminal:
         fcntl.ioctl(self._slave, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
         self.untouched = self.mode()
         self._seen = b""
+        # Both would be believed before the terminal itself.
+        environment = {name: value for name, value in environment.items() if name not in ("COLUMNS", "LINES")}
         self.process = subprocess.Popen(
             command, env=environment, stdin=self._slave, stdout=self._slave, stderr=self._slave,
             start_new_session=True,

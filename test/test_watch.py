@@ -211,7 +211,7 @@ def test_the_screen_of_text(graph):
     assert rig.node.stop() == 0
 
 
-@pytest.mark.parametrize(("columns", "rows"), [(120, 40), (60, 20), (36, 18), (24, 12)])
+@pytest.mark.parametrize(("columns", "rows"), [(120, 40), (80, 25), (60, 20), (36, 18), (24, 12)])
 def test_the_screen_of_text_fits_into_its_terminal(columns, rows):
     console = pytest.importorskip("rich.console").Console(width=columns)
     from friction_estimator.report.live.screen import picture
@@ -235,6 +235,7 @@ def test_the_screen_of_text_fits_into_its_terminal(columns, rows):
     assert max(map(len, text)) <= columns
     assert any(line.rstrip().endswith(f"{velocity[-1]:.4g} m/s") for line in text)  # numbers are whole
     assert any("[N]" in line and " to " in line for line in text)  # and the range of what is drawn is told
+    assert columns < 60 or any("measured (grey), predicted (yellow)" in line for line in text)
 
 
 def test_a_rotary_drive_has_its_units_and_a_pipe_no_screen(graph):

@@ -19,7 +19,7 @@ from friction_estimator.diagnosis.tangent import Tangent, chosen_rows, normal_eq
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.reference import Reference
 
-ROUNDS = 10
+ROUNDS = 14
 SETTLED, SETTLED_COST = 1e-3, 2e-3
 """Most rounds of the joint fit, and the relative changes of its parameters and of its cost at which they end.
 

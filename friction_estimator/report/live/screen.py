@@ -137,6 +137,7 @@ def picture(seen: Seen, topic: str, columns: int, rows: int) -> RenderableType:
         unit = q.unit(FORCE)
         titles = (
             f"friction, the last {WINDOW_S:.0f} s: measured (grey), predicted (yellow) [{unit}]",
+            f"measured (grey), predicted (yellow) [{unit}]",
             f"measured, predicted [{unit}]",
             f"[{unit}]",
         )
