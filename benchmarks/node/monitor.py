@@ -1,6 +1,9 @@
-"""What `watch` costs the node: its processor time at 1 kHz with and without a listener of ~/monitor, in turns.
+"""What `watch` costs the node: processor time at 1 kHz of two nodes fed alike, of which one is watched, in turns.
 
-usage: python benchmarks/node/monitor.py [--turns N] [--seconds S] [--rate HZ]
+What else the machine does meets both of them alike; the one that is watched changes from turn to turn. A turn is
+measured once the listener has been met: that costs the node once, not as long as it lasts.
+
+usage: python benchmarks/node/monitor.py [--turns N] [--seconds S] [--settle S] [--rate HZ]
 """
 
 import argparse
@@ -8,6 +11,7 @@ import statistics
 import sys
 import tempfile
 import time
+from itertools import islice
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "test"))
@@ -15,43 +19,54 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "test"))
 import ros_graph
 from ros_graph import Feeder, await_, motion
 
+NAMESPACES = ("/left", "/right")
+
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--turns", type=int, default=8)
+    parser.add_argument("--turns", type=int, default=16)
     parser.add_argument("--seconds", type=float, default=6.0)
+    parser.add_argument("--settle", type=float, default=2.0)
     parser.add_argument("--rate", type=float, default=1000.0)
     args = parser.parse_args()
-    count = int(args.rate * args.seconds)
-    stamps, velocity, friction = (values.tolist() for values in motion(2 * args.turns * count, args.rate))
-    shares: dict[bool, list[float]] = {False: [], True: []}
+    count, unmeasured = int(args.rate * args.seconds), int(args.rate * args.settle)
+    samples = motion(args.turns * (unmeasured + count), args.rate)
+    waiting = zip(*(values.tolist() for values in samples), strict=True)
+    unwatched, ratios = [], []
     with tempfile.TemporaryDirectory() as folder, ros_graph.graph(Path(folder)) as graph:
-        node = graph.start_node()
-        feeder = Feeder(graph)
-        feeder.matched()
-        for turn in range(2 * args.turns):
-            watched = bool((turn + turn // 2) % 2)  # off, on, on, off, ...
-            watch = graph.start("-m", "friction_estimator", "watch", "--port", "0") if watched else None
-            if watch is not None:
-                watch.says("shows")
-            await_(
-                lambda watched=watched: graph.probe.count_subscribers("/friction_estimator/monitor") == watched, "watch"
-            )
-            before, begun = node.cpu_s(), time.perf_counter()
-            for k in range(count):
-                due = begun + k / args.rate
-                while (left := due - time.perf_counter()) > 0.0:
-                    time.sleep(left)
-                feeder.pair(*(values[turn * count + k] for values in (stamps, velocity, friction)))
-            shares[watched].append((node.cpu_s() - before) / (time.perf_counter() - begun))
-            if watch is not None:
-                watch.stop()
-        node.stop()
-    off, on = (statistics.median(shares[watched]) for watched in (False, True))
-    ratios = sorted(b / a for a, b in zip(shares[False], shares[True], strict=True))
-    print(f"{args.rate:g} Hz, {args.turns} turns of {args.seconds:g} s each: {100 * off:.1f} % of a core unwatched")
-    spread = f"{ratios[0]:.3f} to {ratios[-1]:.3f}"
-    print(f"{100 * on:.1f} % watched; of neighbouring turns {statistics.median(ratios):.3f} ({spread})")
+        nodes = [graph.start_node(namespace=namespace) for namespace in NAMESPACES]
+        feeders = [Feeder(graph, namespace) for namespace in NAMESPACES]
+        for feeder in feeders:
+            feeder.matched()
+        for turn in range(args.turns):
+            chosen = (turn + turn // 2) % 2  # left, right, right, left, ...
+            topics = [f"{namespace}/friction_estimator/monitor" for namespace in NAMESPACES]
+            words = ("watch", "--port", "0", "--node", topics[chosen].removesuffix("/monitor"))
+            watch = graph.start("-m", "friction_estimator", *words)
+            watch.says("shows")
+            await_(lambda topics=topics, chosen=chosen: graph.probe.count_subscribers(topics[chosen]) == 1, "watch")
+            for part in (unmeasured, count):
+                before, begun = [node.cpu_s() for node in nodes], time.perf_counter()
+                for k, sample in enumerate(islice(waiting, part)):
+                    due = begun + k / args.rate
+                    while (left := due - time.perf_counter()) > 0.0:
+                        time.sleep(left)
+                    for feeder in feeders:
+                        feeder.pair(*sample)
+            spent = [node.cpu_s() - start for node, start in zip(nodes, before, strict=True)]
+            unwatched.append(spent[1 - chosen] / (time.perf_counter() - begun))
+            ratios.append(spent[chosen] / spent[1 - chosen])
+            watch.stop()
+            await_(lambda topics=topics, chosen=chosen: graph.probe.count_subscribers(topics[chosen]) == 0, "its end")
+        for node in nodes:
+            node.stop()
+    # One node may be dearer than the other: of two turns each is watched once.
+    pairs = [(a * b) ** 0.5 for a, b in zip(ratios[::2], ratios[1::2], strict=False)]
+    error = statistics.stdev(pairs) / len(pairs) ** 0.5 if len(pairs) > 1 else float("nan")
+    share = 100.0 * statistics.median(unwatched)
+    print(f"{args.rate:g} Hz, {args.turns} turns of {args.seconds:g} s each: {share:.1f} % of a core unwatched")
+    told = f"mean {statistics.mean(pairs):.3f} +- {error:.3f}, {min(pairs):.3f} to {max(pairs):.3f}"
+    print(f"watched over unwatched, of two turns each: median {statistics.median(pairs):.3f}, {told}")
     return 0
 
 

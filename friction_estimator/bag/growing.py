@@ -1,5 +1,6 @@
 """Numbers that come piece by piece, as many as nobody knows beforehand."""
 
+from mmap import mmap
 from typing import cast
 
 import numpy as np
@@ -11,12 +12,15 @@ SMALLEST = 1 << 14
 """Numbers in the first block; each following one is as large as all before it."""
 
 LARGEST_BYTES = 1 << 25
-"""A block beyond this many is not made: from here on the C library asks the system for each block by itself and gives
-it back when it is freed, whatever lies beside it."""
+"""A block beyond this many is not made: so little is asked for in vain."""
 
 
 class Column:
-    """Numbers of one kind, in blocks: nothing is copied until all are there."""
+    """Numbers of one kind, in blocks: nothing is copied until all are there.
+
+    Each block is asked of the system by itself: it goes back there when it is let go, whatever lies beside it, where
+    the C library would keep what may come to a quarter of the numbers.
+    """
 
     def __init__(self, kind: type[np.generic]) -> None:
         self._kind = np.dtype(kind)
@@ -29,7 +33,7 @@ class Column:
             if not self._blocks or self._filled == self._blocks[-1].size:
                 self._before += self._filled
                 size = min(max(SMALLEST, self._before), LARGEST_BYTES // self._kind.itemsize)
-                self._blocks.append(np.empty(size, self._kind))
+                self._blocks.append(np.frombuffer(mmap(-1, size * self._kind.itemsize), self._kind))
                 self._filled = 0
             block = self._blocks[-1]
             fits, values = values[: block.size - self._filled], values[block.size - self._filled :]

@@ -1,6 +1,6 @@
 """Figures of merit, the same everywhere; none takes an array of the record's length beside those that it is given."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -88,17 +88,19 @@ def white_noise(force_N: Floats, restart: Bools) -> float:
     return float(np.median(third) / (0.6745 * np.sqrt(20.0))) if third.size >= 100 else float("nan")
 
 
-def one_way(velocity_m_s: Floats, moving: Bools | None = None) -> int:
+def one_way(velocities: Iterable[Floats]) -> int:
     """Return the direction, 1 or -1, that a shaft in motion keeps; 0 where it goes both ways, and without a sample.
 
-    >>> one_way(np.array([0.1, 0.2])), one_way(np.array([-0.1, -0.2])), one_way(np.array([-0.1, 0.2]))
-    (1, -1, 0)
+    `velocities` : those of the samples in motion, in pieces of any length.
 
-    `moving` : (n,), the samples in motion; all of them unless given.
+    >>> one_way([np.array([0.1]), np.array([0.2])]), one_way([np.array([-0.1])]), one_way([np.array([-0.1, 0.2])])
+    (1, -1, 0)
     """
-    count = velocity_m_s.size if moving is None else int(np.count_nonzero(moving))
-    ways = (sign if moving is None else sign & moving for sign in (velocity_m_s > 0.0, velocity_m_s < 0.0))
-    forward, backward = (np.count_nonzero(way) for way in ways)
+    count = forward = backward = 0
+    for piece in velocities:
+        count += piece.size
+        forward += int(np.count_nonzero(piece > 0.0))
+        backward += int(np.count_nonzero(piece < 0.0))
     if not count or min(forward, backward) >= (1.0 - ONE_WAY) * count:
         return 0
     return 1 if forward > backward else -1

@@ -1,6 +1,6 @@
 """Samples as structure of arrays, in SI units: what every room of the house hands to the next."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -17,6 +17,9 @@ _BLOCK = 65_536
 
 _LONGEST_STEP = 2**31 - 1
 """What half of an int64 holds, ns."""
+
+_LOWER_BITS = 16
+"""Of a step, by which it is counted apart from its upper ones."""
 
 
 @dataclass(frozen=True)
@@ -89,19 +92,48 @@ class Samples:
     @property
     def sample_rate_hz(self) -> float:
         """Median sample rate inside gap-free pieces, Hz; NaN below two samples."""
-        steps, count = np.empty(max(0, len(self) - 1), np.int32), 0
-        for start in range(0, len(self) - 1, _BLOCK):
-            step = np.diff(self.stamp_ns[start : start + _BLOCK + 1])
-            step = step[~self.restart[start + 1 : start + 1 + step.size] & (step > 0)]
-            steps[count : count + step.size] = np.minimum(step, _LONGEST_STEP)
-            count += step.size
-        if not count:
-            return float("nan")
-        period = float(np.median(steps[:count], overwrite_input=True))
+
+        def steps() -> Iterator[Ints]:
+            for start in range(0, len(self) - 1, _BLOCK):
+                step = np.diff(self.stamp_ns[start : start + _BLOCK + 1])
+                step = step[~self.restart[start + 1 : start + 1 + step.size] & (step > 0)]
+                yield np.minimum(step, _LONGEST_STEP)
+
+        period = _median(steps)
+        if np.isnan(period):
+            return period
         if period > _LONGEST_STEP // 2:  # a second or more: such a recording is short
             step = np.diff(self.stamp_ns)[~self.restart[1:]]
             period = float(np.median(step[step > 0]))
         return float(NS_PER_S / period)
+
+
+def _median(pieces: Callable[[], Iterable[Ints]]) -> float:
+    """Return the median of whole numbers from 0 to below 2^31 that come in pieces, again at each call; NaN of none.
+
+    They are counted by their upper bits, then those about the middle by their lower ones: nothing of their number is
+    kept.
+    """
+
+    def counted(pieces: Iterable[Ints]) -> Ints:
+        counts = np.zeros(1 << _LOWER_BITS, np.int64)
+        for piece in pieces:
+            counts += np.bincount(piece, minlength=counts.size)
+        return counts
+
+    def at(counts: Ints, rank: int) -> int:
+        return int(np.searchsorted(np.cumsum(counts), rank, side="right"))
+
+    upper = counted(piece >> _LOWER_BITS for piece in pieces())
+    total = int(upper.sum())
+    if not total:
+        return float("nan")
+    middle = []
+    for rank in sorted({(total - 1) // 2, total // 2}):
+        bits = at(upper, rank)
+        lower = counted(piece[piece >> _LOWER_BITS == bits] & (1 << _LOWER_BITS) - 1 for piece in pieces())
+        middle.append((bits << _LOWER_BITS) + at(lower, rank - int(upper[:bits].sum())))
+    return float(np.mean(middle))
 
 
 def joined(recordings: Sequence[Samples]) -> Samples:

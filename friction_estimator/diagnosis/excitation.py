@@ -57,7 +57,7 @@ def assess(record: Record, context: Context) -> Excitation:
             f"{record.reversals} reversals in {record.blocks} blocks are too few to tell causes apart: record at least "
             f"{FEWEST_BLOCKS} strokes"
         )
-    if metrics.one_way(moving):
+    if metrics.one_way([moving]):
         warnings.append(ONE_DIRECTION)
     levels = speed_levels(moving, record.recording[~record.standstill])
     if levels:

@@ -261,7 +261,8 @@ def fit_baselines(
     v, f = np.asarray(velocity_m_s, np.float64), np.asarray(friction_N, np.float64)
     if v.ndim != 1 or v.shape != f.shape:
         raise ValueError(f"velocity {v.shape} and friction {f.shape} must be of one shape (n,)")
-    if not (np.isfinite(v).all() and np.isfinite(f).all()):
+    ends = [end(values, initial=0.0) for values in (v, f) for end in (np.min, np.max)]  # NaN where any is
+    if not np.isfinite(ends).all():
         raise ValueError("velocity and friction must be finite")
     if v.size < LEAST_SAMPLES:
         raise UnanswerableError(f"a friction curve needs {LEAST_SAMPLES} samples at least, there are {v.size}")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from friction_estimator.compiling import COMPILATION
-from friction_estimator.core import metrics
+from friction_estimator.core import metrics, sums
 from friction_estimator.core.errors import ConfigError, UnanswerableError
 from friction_estimator.core.fit.band import POINTS, Curve
 from friction_estimator.core.fit.baselines import StaticCurve
@@ -139,17 +139,18 @@ class Replay:
         Samples that follow a restart within the model's memory are left out: they are predicted, but from delay lines
         that nothing measured has filled yet.
         """
-        frozen = ~self.learned
-        if not frozen.any():
+        if self.learned.all():
             return None
-        scored = frozen & metrics.settled(self.samples.restart, self.config.fir.order)
+        scored = metrics.settled(self.samples.restart, self.config.fir.order)
+        scored &= ~self.learned
         return frozen_score(self.samples, self.predicted_N, self.theory_in, scored, self.baseline_curves)
 
     @cached_property
     def _judgement(self) -> Judgement:
         """What was predicted without learning; all of it where everything was learned."""
-        frozen = ~self.learned
         scored = metrics.settled(self.samples.restart, self.config.fir.order)
+        if not self.learned.all():
+            scored &= ~self.learned
         model = self.estimator.model
         nothing = np.broadcast_to(0.0, (len(self.samples),))
         given = model.load.known_N(self.samples) if model.load.known else nothing
@@ -158,7 +159,7 @@ class Replay:
             samples=self.samples,
             predicted_N=self.predicted_N,
             learned=self.learned,
-            scored=scored & frozen if frozen.any() else scored,
+            scored=scored,
             top_speed_m_s=max(abs(end) for end in model.basis.reach),
             has_loads=frozenset(part.name for part in (*model.load.known, *model.load.unknown)),
             given_N=given,
@@ -169,7 +170,9 @@ class Replay:
     def one_way(self) -> int:
         """The only direction that was learned from, 1 or -1; 0 where both were, or nothing."""
         judged = self._judgement
-        return metrics.one_way(self.samples.velocity_m_s, judged.learned > judged.standing)  # and not
+        velocity, learned, standing = self.samples.velocity_m_s, judged.learned, judged.standing
+        parts = sums.parts(velocity.size)
+        return metrics.one_way(velocity[part][learned[part] > standing[part]] for part in parts)  # >: and not
 
     @cached_property
     def in_motion(self) -> InMotion:

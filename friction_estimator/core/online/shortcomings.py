@@ -13,7 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from friction_estimator.core import metrics
+from friction_estimator.core import metrics, sums
 from friction_estimator.core.fit.baselines import StaticCurve
 from friction_estimator.core.fit.frozen_score import CURVES, curves_learned
 from friction_estimator.core.intake.acceleration import slopes
@@ -190,7 +190,7 @@ def _standing(share: float, of_samples: float) -> Shortcoming:
 
 def _other_way(velocity: Floats, learned: Bools) -> Bools:
     """Return where the velocity has a direction that was never learned from, (n,)."""
-    return np.asarray(velocity * metrics.one_way(velocity[learned]) < 0.0, np.bool_)
+    return np.asarray(velocity * metrics.one_way(sums.chosen(velocity, learned)) < 0.0, np.bool_)
 
 
 def _never_met(velocity: Floats, learned: Bools) -> Bools:

@@ -135,7 +135,7 @@ def picture(seen: Seen, topic: str, columns: int, rows: int) -> RenderableType:
         canvas.draw(time_s[recent], measured[recent], MEASURED)
         canvas.draw(time_s[recent], predicted[recent], PREDICTED)
         unit = q.unit(FORCE)
-        titles = (
+        titles: tuple[str, ...] = (
             f"friction, the last {WINDOW_S:.0f} s: measured (grey), predicted (yellow) [{unit}]",
             f"measured (grey), predicted (yellow) [{unit}]",
             f"measured, predicted [{unit}]",
