@@ -1,6 +1,7 @@
 """Processes that compute tasks: one thread each, each loss is one task's, and an end with the verb whatever they do."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -94,6 +95,16 @@ def test_a_signal_ends_the_verb_and_its_workers_while_they_compute(busy, number,
     out, err = process.communicate(timeout=LIMIT_S)
     assert (process.returncode, out, err) == (code, "", said)
     until(lambda: not any(map(is_running, ids(marks))))
+
+
+def test_every_worker_is_deaf_to_what_reaches_the_group(busy):
+    """The first one was not: it could print a trace before it was ended."""
+    _, marks = busy
+    for pid in ids(marks):
+        status = Path(f"/proc/{pid}/status").read_text()
+        blocked = int(re.search(r"SigBlk:\s*([0-9a-f]+)", status)[1], 16)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            assert blocked >> number - 1 & 1
 
 
 def test_workers_end_when_the_verb_is_killed(busy):

@@ -10,7 +10,7 @@ import threading
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from multiprocessing import get_context, parent_process
+from multiprocessing import get_context, parent_process, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
@@ -142,8 +142,11 @@ def _started() -> _Worker:
     context = get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=_serve, args=(theirs,), daemon=True)
+    with _signals_blocked(*_OURS):
+        # The tracker of multiprocessing, which a signal would kill, and it complain. Where it starts with the first
+        # process it unblocks signals that it blocked itself, and that process hears them.
+        resource_tracker.ensure_running()
     with _single_threaded(), _signals_blocked(*_OURS):
-        # The tracker of multiprocessing starts with the first process; a signal would kill it, and it complain.
         process.start()
     theirs.close()
     return _Worker(process, ours)
