@@ -200,9 +200,9 @@ def test_force_unit_is_blind_to_spikes_and_standstill():
     f = 5.0 * np.sign(np.sin(t / 50.0))
     f[(t // 1000) % 5 != 0] = 0.0
     f[::100] = 1e6
-    assert usual_magnitude(f) == pytest.approx(5.0, rel=0.1)
-    assert usual_magnitude(np.zeros(5)) == 0.0
-    assert usual_magnitude(np.array([np.nan])) == 0.0
+    assert usual_magnitude(lambda: [f]) == pytest.approx(5.0, rel=0.1)
+    assert usual_magnitude(lambda: [np.zeros(5)]) == 0.0
+    assert usual_magnitude(lambda: [np.array([np.nan])]) == 0.0
 
 
 def test_emps_is_predicted_without_a_configuration(shared_data, tmp_path, capsys):

@@ -65,6 +65,14 @@ def test_a_small_effect_in_much_noise_is_named() -> None:
     assert [e.name for e in result.effects] == ["inertia"]
 
 
+def test_what_is_small_beside_a_named_cause_is_a_trace() -> None:
+    """Alone a ripple of 4 mN would pass: what the form of another cause leaves is as large (decision 0133)."""
+    result = diagnose([record(["inertia:mass=0.5", "position_dependence:amplitude=0.004,wavelength=0.004"])], Config())
+    assert names(result) == ["inertia"]
+    assert [trace.name for trace in result.traces] == ["position_dependence"]
+    assert 0.2 < result.traces[0].share_percent < 1.5
+
+
 def test_fitted_parameters_are_the_true_ones() -> None:
     result = diagnose([record(["inertia:mass=0.5", "presliding:amplitude=0.9,length=2.6e-5"])], Config())
     values = {e.name: e.parameters for e in result.effects}

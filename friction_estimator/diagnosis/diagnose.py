@@ -25,7 +25,7 @@ from friction_estimator.diagnosis.result import (
     Found,
     Trace,
 )
-from friction_estimator.diagnosis.search import LEAST_SHARE, Cause, Search, Searcher
+from friction_estimator.diagnosis.search import Cause, Search, Searcher
 from friction_estimator.diagnosis.theory import with_theory
 from friction_estimator.diagnosis.trials import Trials
 from friction_estimator.diagnosis.words import next_experiment
@@ -205,12 +205,8 @@ MEMORY_WORDS = "one time stands in for the many taps with which the base model w
 def _traces(found: Search) -> tuple[Trace, ...]:
     """Return what passes the bootstrap but is too small for a finding."""
     total = max(float(found.last_evidence.ee.sum()), 1e-300)
-    out = []
-    for item in found.screened:
-        share = item.gain / total
-        if item.gain > found.thresholds[item.hypothesis.effect.many] and share < LEAST_SHARE:
-            out.append(Trace(item.name, 100.0 * share))
-    return tuple(out[:MOST_TRACES])
+    small = [s for s in found.screened if found.thresholds[s.hypothesis.effect.many] < s.gain < found.least_N2]
+    return tuple(Trace(s.name, 100.0 * s.gain / total) for s in small[:MOST_TRACES])
 
 
 def _asked(
@@ -250,6 +246,6 @@ def _detection_limits(found: Search) -> dict[str, float]:
         inner, _ = evidence.projected(moments)
         shown = float(np.trace(inner)) / max(float(np.trace(moments.xx.sum(0))), 1e-300)
         need = max(found.thresholds[item.hypothesis.effect.many], 1e-300)
-        need = max(need, LEAST_SHARE * float(evidence.ee.sum()))
+        need = max(need, found.least_N2)
         out[item.name] = float(np.sqrt(need / evidence.samples / max(shown, 1e-9)))
     return out

@@ -210,7 +210,7 @@ def described(samples: Samples, recording: Ints, config: Config) -> Record:
     level = reversal_speed(samples)
     features = replace(feature_maker(config, level)(samples), recording=recording)
     turns = reversals(velocity, restart, level)
-    stands = standstill(samples, config.velocity_scale or MARGIN * robust_top(np.abs(velocity)))
+    stands = standstill(samples, config.velocity_scale or MARGIN * robust_top([np.abs(velocity)]))
     # Which way the shaft came before it first moves nobody knows: one such sample can weigh more than all the noise.
     stands |= features.direction == 0.0
     n = len(samples)

@@ -11,6 +11,7 @@ from itertools import product
 
 import numpy as np
 
+from friction_estimator.core import sums
 from friction_estimator.core.fit.baselines import (
     EXPONENTS,
     NARROW,
@@ -69,17 +70,21 @@ def found_stribeck(velocity_m_s: Floats, friction_N: Floats) -> Stribeck | None:
 
     Deterministic. Where friction drives the motion (a sensor wired the other way) the curve is that of -f, negated.
     """
-    finite = np.isfinite(velocity_m_s) & np.isfinite(friction_N)
-    velocity, friction = velocity_m_s[finite], friction_N[finite]
+    velocity, friction = velocity_m_s, friction_N
+    finite = np.isfinite(velocity) & np.isfinite(friction)
+    if not finite.all():
+        velocity, friction = velocity[finite], friction[finite]
+    del finite
     speed = top_speed(velocity) if velocity.size else 0.0
     if not speed > 0.0:
         return None
-    sign = -1.0 if float(np.sum(np.sign(velocity) * friction)) < 0.0 else 1.0
-    force = float(np.max(np.abs(friction))) or 1.0
+    with_motion = (np.sign(velocity[part]) * friction[part] for part in sums.parts(velocity.size))
+    sign = -1.0 if sums.total(with_motion, velocity.size) < 0.0 else 1.0
+    force = max(float(np.max(friction)), -float(np.min(friction))) or 1.0
     if velocity.size < LEAST_SAMPLES:
         level = float(np.median(np.sign(velocity) * friction))
         return _curve(np.array([level, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]), (NARROWEST, 1.0), 1.0, speed, 1.0)
-    bins = gathered(velocity / speed, sign * friction / force)
+    bins = gathered(velocity, friction, speed, sign * force)
     widths, falls = (np.log(ends) for ends in ((NARROWEST, WIDEST), (SLOWEST, FASTEST)))
     axes = [np.linspace(ends[0], ends[1], GRID) for ends in (widths, falls)]
     best = _tried(bins, (NARROWEST, 1.0), EXPONENTS[0])

@@ -17,7 +17,7 @@ asked for at the most."""
 
 def reversal_speed(samples: Samples) -> float:
     """Return the speed that a stroke of these samples has to reach, m/s."""
-    top = robust_top(np.abs(samples.velocity_m_s))
+    top = robust_top([np.abs(samples.velocity_m_s)])
     return float(min(max(REVERSAL_SHARE * top, NOISE_FACTOR * rest_noise(samples)), LARGEST_SHARE * top))
 
 

@@ -5,9 +5,11 @@ or 10 s of motion. Standing still does not count. `online.first_contact` asks th
 """
 
 import math
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
+from friction_estimator.core import sums
 from friction_estimator.core.sample import Floats, Samples
 from friction_estimator.core.settings.config import Config
 
@@ -56,7 +58,7 @@ def shown(samples: Samples) -> bool:
     velocity = samples.velocity_m_s
     speed = np.abs(velocity)
     noise = max(NOISE_FACTOR * rest_noise(samples), LATTICE_STEPS * lattice_step(velocity))
-    top = robust_top(speed)
+    top = robust_top([speed])
     if not top > 0.0:
         return False
     level = REVERSAL_LEVEL * top
@@ -74,21 +76,24 @@ def chosen(config: Config, velocity_m_s: Floats, friction_N: Floats) -> Config:
 
     The first contact gives it its first samples; batch fits, which know them all, give all that they fit.
     """
-    velocity, friction = velocity_m_s, friction_N
-    finite = np.isfinite(velocity) & np.isfinite(friction)
-    velocity, friction = velocity[finite], friction[finite]
-    speed = np.abs(velocity)
-    top = robust_top(speed)
+
+    def finite() -> Iterator[tuple[Floats, Floats]]:
+        for part in sums.parts(velocity_m_s.size):
+            velocity, friction = velocity_m_s[part], friction_N[part]
+            known = np.isfinite(velocity) & np.isfinite(friction)
+            yield velocity[known], friction[known]
+
+    top = robust_top(np.abs(velocity) for velocity, _ in finite())
     values: dict[str, object] = {}
     if config.reach is None:
         scale = MARGIN * top if top > 0.0 else NO_VELOCITY
-        sides = [MARGIN * min(robust_top(np.maximum(sign * velocity, 0.0)), top) for sign in (-1.0, 1.0)]
-        low, high = (max(side, LEAST_SIDE * scale) for side in sides)
+        one_way = [robust_top(np.maximum(sign * velocity, 0.0) for velocity, _ in finite()) for sign in (-1.0, 1.0)]
+        low, high = (max(MARGIN * min(side, top), LEAST_SIDE * scale) for side in one_way)
         values |= {"learned.velocity_range": (-low, high), "learned.velocity_scale": scale}
     if not config.unit_N > 0.0:
-        moving = speed > LEAST_MOTION * top
-        unit = usual_magnitude(friction[moving]) or usual_magnitude(friction)
-        values["learned.force_unit"] = unit or NO_FORCE
+        slowest = LEAST_MOTION * top
+        unit = usual_magnitude(lambda: (friction[np.abs(velocity) > slowest] for velocity, friction in finite()))
+        values["learned.force_unit"] = unit or usual_magnitude(lambda: (f for _, f in finite())) or NO_FORCE
     return config.updated(values)
 
 
@@ -124,30 +129,43 @@ def lattice_step(velocity_m_s: Floats) -> float:
     return float(step[step > largest * LEAST_STEP].min(initial=largest))
 
 
-def robust_top(speed: Floats) -> float:
-    """Return the largest speed, passing over values that stand more than twice above the others.
+def robust_top(speeds: Iterable[Floats]) -> float:
+    """Return the largest of the speeds, which come in pieces, passing over values that stand more than twice above the
+    others.
 
-    >>> robust_top(np.append(np.linspace(0.0, 1.0, 1000), 50.0)) < 1.0
+    >>> robust_top([np.linspace(0.0, 1.0, 1000), np.array([50.0])]) < 1.0
     True
     """
-    if not speed.size:
+    count, largest = 0, np.empty(0)
+    for piece in speeds:
+        count += piece.size
+        most = np.partition(piece, -ALONE)[-ALONE:] if piece.size > ALONE else piece
+        largest = np.sort(np.concatenate([largest, most]))[-ALONE:]
+    if not count:
         return 0.0
-    alone = min(ALONE, max(1, speed.size // 50))
-    usual = float(np.partition(speed, speed.size - alone)[speed.size - alone])
-    top = float(speed.max())
+    usual, top = float(largest[-min(ALONE, max(1, count // 50))]), float(largest[-1])
     return usual if top > ALONE_ABOVE * usual > 0.0 else top
 
 
-def usual_magnitude(friction_N: Floats) -> float:
+def usual_magnitude(frictions: Callable[[], Iterable[Floats]]) -> float:
     """Return the rms of friction while there is some, N; 0 where there is none.
 
     Spikes (the largest 2 %) are cut off, and what is below a tenth of the rest is left out, so that neither a wild
     sensor nor a long standstill decides.
+
+    `frictions` : gives the values in pieces, anew at each call.
     """
-    magnitude = np.abs(friction_N[np.isfinite(friction_N)])
-    top = float(np.quantile(magnitude, 0.98)) if magnitude.size else 0.0
-    top = top if top > 0.0 else float(magnitude.max(initial=0.0))
+
+    def magnitudes() -> Iterator[Floats]:
+        for piece in frictions():
+            yield np.abs(piece[np.isfinite(piece)])
+
+    count, largest = 0, 0.0
+    for piece in magnitudes():
+        count, largest = count + piece.size, max(largest, float(piece.max(initial=0.0)))
+    top = (sums.upper_quantile(magnitudes(), count, 0.98) if count else 0.0) or largest
     if not top > 0.0:
         return 0.0
-    moving = np.minimum(magnitude[magnitude >= 0.1 * top], top)
-    return top * float(np.sqrt(np.mean(np.square(moving / top))))
+    moving = sum(int(np.count_nonzero(piece >= 0.1 * top)) for piece in magnitudes())
+    squares = (np.square(np.minimum(piece[piece >= 0.1 * top], top) / top) for piece in magnitudes())
+    return top * float(np.sqrt(sums.total(squares, moving) / moving))
