@@ -29,6 +29,8 @@ def main() -> int:
     parser.add_argument("--settle", type=float, default=2.0)
     parser.add_argument("--rate", type=float, default=1000.0)
     args = parser.parse_args()
+    if args.turns < 2 or args.turns % 2:
+        parser.error(f"--turns {args.turns}: give an even number, each node is watched in one of two turns")
     count, unmeasured = int(args.rate * args.seconds), int(args.rate * args.settle)
     samples = motion(args.turns * (unmeasured + count), args.rate)
     waiting = zip(*(values.tolist() for values in samples), strict=True)
@@ -40,11 +42,10 @@ def main() -> int:
             feeder.matched()
         for turn in range(args.turns):
             chosen = (turn + turn // 2) % 2  # left, right, right, left, ...
-            topics = [f"{namespace}/friction_estimator/monitor" for namespace in NAMESPACES]
-            words = ("watch", "--port", "0", "--node", topics[chosen].removesuffix("/monitor"))
-            watch = graph.start("-m", "friction_estimator", *words)
+            name = f"{NAMESPACES[chosen]}/friction_estimator"
+            watch = graph.start("-m", "friction_estimator", "watch", "--port", "0", "--node", name)
             watch.says("shows")
-            await_(lambda topics=topics, chosen=chosen: graph.probe.count_subscribers(topics[chosen]) == 1, "watch")
+            await_(lambda name=name: graph.probe.count_subscribers(f"{name}/monitor") == 1, "watch")
             for part in (unmeasured, count):
                 before, begun = [node.cpu_s() for node in nodes], time.perf_counter()
                 for k, sample in enumerate(islice(waiting, part)):
@@ -57,11 +58,11 @@ def main() -> int:
             unwatched.append(spent[1 - chosen] / (time.perf_counter() - begun))
             ratios.append(spent[chosen] / spent[1 - chosen])
             watch.stop()
-            await_(lambda topics=topics, chosen=chosen: graph.probe.count_subscribers(topics[chosen]) == 0, "its end")
+            await_(lambda name=name: graph.probe.count_subscribers(f"{name}/monitor") == 0, "its end")
         for node in nodes:
             node.stop()
     # One node may be dearer than the other: of two turns each is watched once.
-    pairs = [(a * b) ** 0.5 for a, b in zip(ratios[::2], ratios[1::2], strict=False)]
+    pairs = [(a * b) ** 0.5 for a, b in zip(ratios[::2], ratios[1::2], strict=True)]
     error = statistics.stdev(pairs) / len(pairs) ** 0.5 if len(pairs) > 1 else float("nan")
     share = 100.0 * statistics.median(unwatched)
     print(f"{args.rate:g} Hz, {args.turns} turns of {args.seconds:g} s each: {share:.1f} % of a core unwatched")

@@ -128,11 +128,16 @@ def _median(pieces: Callable[[], Iterable[Ints]]) -> float:
     total = int(upper.sum())
     if not total:
         return float("nan")
-    middle = []
-    for rank in sorted({(total - 1) // 2, total // 2}):
-        bits = at(upper, rank)
-        lower = counted(piece[piece >> _LOWER_BITS == bits] & (1 << _LOWER_BITS) - 1 for piece in pieces())
-        middle.append((bits << _LOWER_BITS) + at(lower, rank - int(upper[:bits].sum())))
+    ranks = ((total - 1) // 2, total // 2)
+    bits = [at(upper, rank) for rank in ranks]
+    lower = {
+        high: counted(piece[piece >> _LOWER_BITS == high] & (1 << _LOWER_BITS) - 1 for piece in pieces())
+        for high in set(bits)  # one, but where a step lies between the two
+    }
+    middle = [
+        (high << _LOWER_BITS) + at(lower[high], rank - int(upper[:high].sum()))
+        for high, rank in zip(bits, ranks, strict=True)
+    ]
     return float(np.mean(middle))
 
 
