@@ -233,3 +233,42 @@ def test_what_killed_writers_left_is_swept(module):
     run(module)
     assert not old.exists()
     assert new.exists()
+
+
+DRIVE = """
+import gc, math
+from numba.core.dispatcher import Dispatcher
+from friction_estimator.core.intake.pairing import FRICTION, VELOCITY
+from friction_estimator.core.settings.config import Config
+from friction_estimator.ros.build import build, warm_up
+from friction_estimator.ros.stream import SampleStream
+
+def forms():
+    return {d.py_func.__qualname__: len(d.overloads) for d in gc.get_objects() if isinstance(d, Dispatcher)}
+
+warm_up()
+before = forms()
+for law in ("rls", "nlms", "lms"):
+    config = Config.from_mapping({"model.law": law})
+    stream = SampleStream(config, build, lambda *_: None)
+    stream.begin(config)
+    for k in range(2500):
+        velocity = 0.002 * 2 ** (k / 500) * math.sin(k / 80) * (not 1000 < k < 1200)
+        friction = 5 * math.tanh(velocity / 0.001) + 20 * velocity + 0.05 * math.sin(7.0 * k) + 40 * (1800 < k < 1900)
+        stream.event(VELOCITY, k * 10**6, velocity)
+        stream.event(FRICTION, k * 10**6, friction)
+        if stream.working_off:
+            stream.work_off()
+    assert stream.estimator.health.grown > 1
+    stream.estimator.curve()
+    stream.estimator.check_state()
+after = forms()
+print({name: count for name, count in after.items() if before.get(name, 0) != count})
+"""
+
+
+def test_nothing_is_compiled_or_loaded_while_samples_come():
+    """First contact, a range that grows, a standstill, a fault: each of them is compiled at the node's start."""
+    env = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run([sys.executable, "-c", DRIVE], check=False, capture_output=True, text=True, env=env)
+    assert (done.returncode, done.stdout.strip()) == (0, "{}"), done.stderr

@@ -3,6 +3,7 @@
 import contextlib
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,10 @@ def rows(header: list[str], lines: list[list[Any]]) -> str:
     return "\n".join(out + [f"| {' | '.join(map(str, line))} |" for line in lines])
 
 
+Drive = Callable[[int, float], tuple[Any, Any, Any]]
+"""Takes the number of samples and their rate (Hz); returns stamps (ns), velocity (m/s) and friction (N)."""
+
+
 class Load:
     """Publishes pairs at a steady rate and keeps what comes back, with the time it took.
 
@@ -64,14 +69,16 @@ class Load:
         )
         self._graph = graph
 
-    def run(self, process: Process, rate_hz: float, seconds: float, offset: int = 0) -> dict[str, Any]:
+    def run(
+        self, process: Process, rate_hz: float, seconds: float, offset: int = 0, drive: Drive = motion
+    ) -> dict[str, Any]:
         """Load one node; return CPU, round trips, stamps and values of the predictions."""
         self.feeder.matched()
         await_(lambda: self._graph.probe.count_publishers(PREDICTED) == 1, "one publisher of predictions")
         time.sleep(1.0)  # let discovery calm down: it is not what is measured
         self._heard.clear()
         count = round(rate_hz * seconds)
-        stamps, velocity, friction = motion(count, rate_hz)
+        stamps, velocity, friction = drive(count, rate_hz)
         stamps = stamps + offset
         sent = np.zeros(count, np.int64)
         cpu = process.cpu_s()

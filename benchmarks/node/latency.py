@@ -3,9 +3,11 @@
 python latency.py [--rounds 8] [--round-seconds 6] [--rate 1000] [--before COMMIT]
 
 "Everything periodic": a save every second, listeners of diagnostics, curve and parameters, and a parameter that is set
-every second. One node process a round is measured without and with it, in turns that swap their order from round to
-round, so that what else the machine does meets both alike: the factor is the median of these pairs. With --before the
-node of that commit is measured in the same way: what has changed since then.
+every second. "Refits": a drive that is 1.3 times as fast every second, so that the range of the curve has to grow, and
+the curve to be fitted anew over a larger one, several times a second. One node process a round is measured without and
+with each, in turns that swap their order from round to round, so that what else the machine does meets both alike: the
+factor is the median of these pairs. With --before the node of that commit is measured in the same way: what has changed
+since then.
 """
 
 import argparse
@@ -16,26 +18,52 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from common import HERE, Load, rows, write_section
-from ros_graph import RELIABLE, UNITS, Graph, Process, graph
+from ros_graph import RELIABLE, UNITS, Graph, Process, graph, motion
 
 KEYS = ("cpu_us", "p50_us", "p99_us", "max_us")
 
+PAIRS = {"periodic": "quiet", "refits": "no refits"}
+"""What is measured, and what without it."""
+
+WORDS = {"quiet": "", "periodic": ", everything periodic", "no refits": ", range of its own", "refits": ", refits"}
 
 STATE = {"state.period": 0.0}
 
+OWN_RANGE = {
+    "basis.velocity_range": [],
+    "learned.velocity_range": [-0.15, 0.15],
+    "learned.velocity_scale": 0.15,
+    "theory.kind": "seal",
+    "force_unit": 10.0,
+}
+"""The units of the other nodes, but the range may grow."""
 
-def start(made: Graph, before: Path | None) -> Process:
+FASTER = 1.3
+"""Factor on the speed from second to second under refits."""
+
+
+def start(made: Graph, before: Path | None, own_range: bool) -> Process:
     """Start the node, quiet: `periodic` sets going what it can do beside samples."""
     values = STATE | {"state.file": str(made.folder / f"state{len(made.processes)}.json")}
+    units = OWN_RANGE if own_range else UNITS
     if before is None:
-        return made.start_node(values, deep=False)
-    given = [word for name, value in (RELIABLE | UNITS | values).items() for word in ("-p", f"{name}:={value}")]
+        return made.start_node(units | values, deep=False, units=False)
+    given = [word for name, value in (RELIABLE | units | values).items() for word in ("-p", f"{name}:={value}")]
     code = f"import sys; sys.path.insert(0, {str(before)!r}); from friction_estimator.ros.node import main; main()"
     process = made.start("-c", code, "--ros-args", *given)
     process.says("listening", 300.0)
     return process
+
+
+def faster_and_faster(count: int, rate_hz: float) -> tuple[Any, Any, Any]:
+    """Return `motion`, a fifth beyond the range from the first second on and faster from second to second."""
+    stamps, velocity, _ = motion(count, rate_hz)
+    velocity = 1.8 * velocity * FASTER ** np.floor(np.arange(count) / rate_hz)
+    return stamps, velocity, 4.0 * np.tanh(velocity / 0.004) + 12.0 * velocity
 
 
 @contextmanager
@@ -61,15 +89,20 @@ def checked_out(commit: str) -> Path:
     return folder
 
 
-def measured(made: Graph, load: Load, args: argparse.Namespace, before: Path | None, turn: int) -> dict[str, dict]:
-    """Return the figures of one node process without and with everything periodic."""
-    process = start(made, before)
+def measured(
+    made: Graph, load: Load, args: argparse.Namespace, before: Path | None, turn: int, kinds: tuple[str, str]
+) -> dict[str, dict]:
+    """Return the figures of one node process without and with something."""
+    process = start(made, before, own_range="refits" in kinds)
     found = {}
-    for kind in ("quiet", "periodic") if turn % 2 == 0 else ("periodic", "quiet"):
+    for kind in kinds if turn % 2 == 0 else kinds[::-1]:
         # A stamp later than all before: one node sees both.
         offset = round((1 + len(found)) * (args.round_seconds + 10.0) * 1e9)
+        drive = faster_and_faster if kind == "refits" else motion
         with periodic(made) if kind == "periodic" else nullcontext():
-            found[kind] = load.run(process, args.rate, args.round_seconds, offset)
+            found[kind] = load.run(process, args.rate, args.round_seconds, offset, drive)
+        if kind == "refits":
+            found[kind]["reach"] = made.call_get("/friction_estimator", "learned.velocity_range")[1]
     process.stop()
     return found
 
@@ -83,7 +116,7 @@ def main() -> None:
     args = parser.parse_args()
     nodes = {"node": None} | ({f"node of {args.before}": checked_out(args.before)} if args.before else {})
     echo: list[dict] = []
-    runs: dict[str, dict[str, list[dict]]] = {name: {"quiet": [], "periodic": []} for name in nodes}
+    runs: dict[str, dict[str, list[dict]]] = {name: {kind: [] for kind in WORDS} for name in nodes}
     with graph(Path(tempfile.mkdtemp())) as made:
         load = Load(made)
         for turn in range(args.rounds):
@@ -92,8 +125,9 @@ def main() -> None:
             echo.append(load.run(process, args.rate, args.round_seconds))
             process.stop()
             for name, before in nodes.items():
-                for kind, figures in measured(made, load, args, before, turn).items():
-                    runs[name][kind].append(figures)
+                for with_it, without in PAIRS.items():
+                    for kind, figures in measured(made, load, args, before, turn, (without, with_it)).items():
+                        runs[name][kind].append(figures)
 
     def middle(found: list[dict], key: str) -> float:
         return statistics.median(figures[key] for figures in found)
@@ -115,14 +149,17 @@ def main() -> None:
     ]
     lines, notes = [line("echo, typed", echo)], []
     for name, kinds in runs.items():
-        lines += [line(name, kinds["quiet"]), line(f"{name}, everything periodic", kinds["periodic"])]
-        pairs = list(zip(kinds["periodic"], kinds["quiet"], strict=True))
-        factors = {key: sorted(with_it[key] / without[key] for with_it, without in pairs) for key in KEYS[1:]}
-        told = ", ".join(
-            f"{key.removesuffix('_us')} {statistics.median(f):.2f} ({f[0]:.2f} to {f[-1]:.2f})"
-            for key, f in factors.items()
-        )
-        notes.append(f"What everything periodic costs the {name}, median and range of {args.rounds} pairs: {told}.")
+        lines += [line(f"{name}{words}", kinds[kind]) for kind, words in WORDS.items()]
+        for with_it, without in PAIRS.items():
+            pairs = list(zip(kinds[with_it], kinds[without], strict=True))
+            factors = {key: sorted(one[key] / other[key] for one, other in pairs) for key in KEYS[1:]}
+            told = ", ".join(
+                f"{key.removesuffix('_us')} {statistics.median(f):.2f} ({f[0]:.2f} to {f[-1]:.2f})"
+                for key, f in factors.items()
+            )
+            notes.append(f"Cost of {with_it} to the {name}, median and range of {args.rounds} pairs: {told}.")
+        reach = statistics.median(figures["reach"] for figures in kinds["refits"])
+        notes.append(f"Refits took the range from 0.15 to {reach:.2f} m/s.")
     if args.before:
         former = runs[f"node of {args.before}"]["quiet"]
         ratio = {key: middle(runs["node"]["quiet"], key) / middle(former, key) for key in KEYS}

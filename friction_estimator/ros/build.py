@@ -5,6 +5,7 @@ from dataclasses import replace
 from friction_estimator.core.intake.pairing import FRICTION, VELOCITY
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.online.first_contact import NO_SAMPLES, refined
+from friction_estimator.core.online.kernels import GROW_AFTER
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import NO_FORCE, NO_VELOCITY
 from friction_estimator.ros.stream import SampleStream
@@ -38,14 +39,15 @@ def supposed(config: Config) -> Config:
 
 
 def warm_up() -> None:
-    """Compile the sample loops, so that the first sample is not late by seconds."""
-    for kind in ("none", "seal", "stribeck"):
-        config = supposed(Config.from_mapping({"theory.kind": kind}))
+    """Compile all that samples may need, so that none is late by seconds: neither the first nor a later one."""
+    known = [supposed(Config.from_mapping({"theory.kind": kind})) for kind in ("none", "seal", "stribeck")]
+    for config in (Config(), *known):
         stream = SampleStream(config, build, lambda *_: None)
         stream.begin(config)
         for stamp_ns in (1, 2):
             stream.event(VELOCITY, stamp_ns, 0.01)
             stream.event(FRICTION, stamp_ns, 1.0)
         if stream.estimator is not None:
-            stream.estimator.step(3, 0.01, 1.0)  # the way of samples that have waited
+            for stamp_ns in range(3, 4 + GROW_AFTER):  # the way of samples that have waited; then the range grows
+                stream.estimator.step(stamp_ns, 2.0 * NO_VELOCITY, 1.0)
             stream.estimator.curve()

@@ -210,6 +210,7 @@ class SampleStream:
             begin = time.perf_counter_ns()
             try:
                 self._hand_on(step.run(count, learn=self.learn))
+                step.settle()
             finally:
                 self.lost += self.intake.admitted - admitted - (self.predictions - predictions)
                 self._look()

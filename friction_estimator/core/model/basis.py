@@ -5,6 +5,7 @@ scaling functions phi_Mn of the coarsest level M added so that constants and slo
 """
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Protocol
 
 import numpy as np
@@ -113,6 +114,7 @@ class DyadicTable:
         return int(self.values.shape[2])
 
 
+@cache
 def dyadic_table(wavelet: str, level: int = TABLE_LEVEL) -> DyadicTable:
     """Tabulate phi and psi of `wavelet` exactly on the dyadic grid of spacing 2^-level.
 
@@ -252,8 +254,9 @@ class WaveletBasis:
         starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
         self._first = starts - lowest
         self._size = int(counts.sum())
-        self.level_of = np.repeat(exponents, counts)
-        self.is_scaling = np.repeat(self._kind == 0, counts)
+        self._block = np.repeat(np.arange(counts.size), counts)
+        self.level_of = exponents[self._block]
+        self.is_scaling = self._kind[self._block] == 0
         self.translation = np.concatenate([np.arange(a, b + 1) for a, b in zip(lowest, highest, strict=True)])
         self.first_cell, last = (int(np.floor(_position(v, self.unit, self.bend) * CELLS_PER_UNIT)) for v in self.reach)
         self.cell_count = last - self.first_cell + 1
@@ -267,6 +270,11 @@ class WaveletBasis:
     def width(self) -> int:
         """Number of stored entries a point: 2 N - 1 for each level and for the scaling functions."""
         return int(self._scale.size * self._table.shape[2])
+
+    @property
+    def cells_of_coarsest(self) -> float:
+        """Cells from one scaling function to the next."""
+        return float(CELLS_PER_UNIT * 2.0 ** self.levels[-1])
 
     @property
     def row_power(self) -> float:
@@ -344,10 +352,7 @@ class WaveletBasis:
     def places_of(self, other: Basis) -> NDArray[np.int64]:
         """Return where each function of `other`, which covers less with the same unit, stands here, (other.size,)."""
         assert isinstance(other, WaveletBasis)
-        place = {key: i for i, key in enumerate(zip(self.level_of, self.is_scaling, self.translation, strict=True))}
-        return np.array(
-            [place[key] for key in zip(other.level_of, other.is_scaling, other.translation, strict=True)], np.int64
-        )
+        return np.asarray(self._first[other._block] + other.translation)
 
     def dense(self, velocity_m_s: Floats) -> Floats:
         """Return Psi as a matrix (n, size)."""

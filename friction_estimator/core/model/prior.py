@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import block_diag
+from scipy.linalg import block_diag, solve_triangular
 
 from friction_estimator.core.model.structure import Model
 from friction_estimator.core.sample import Floats
@@ -123,7 +123,7 @@ class Prior:
     @cached_property
     def information(self) -> Floats:
         """Inverse of the covariance, (n, n)."""
-        inverse = np.linalg.solve(self.root, np.eye(self.mean.size))
+        inverse = solve_triangular(self.root, np.eye(self.mean.size), lower=True)
         return np.asarray(inverse.T @ inverse)
 
     @property

@@ -1,22 +1,23 @@
 """The range grows with the speeds that come: functions are appended, curve and band stay what they were."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_array, csr_array
-from scipy.sparse.linalg import splu
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import csr_array
 
-from friction_estimator.core.banded import diagonal, identity
+from friction_estimator.compiled import njit
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.intake import standstill
+from friction_estimator.core.model.basis import WaveletBasis
 from friction_estimator.core.model.prior import Prior
 from friction_estimator.core.model.structure import Extension, Model
 from friction_estimator.core.online import recovery
 from friction_estimator.core.online import workspace as at
 from friction_estimator.core.online.workspace import Workspace
-from friction_estimator.core.sample import Floats
+from friction_estimator.core.sample import Floats, Ints
 from friction_estimator.core.settings.units import MARGIN
 
 LARGEST_GROWTH = 10.0
@@ -25,6 +26,9 @@ velocities does not make the model large."""
 
 POINTS_A_CELL = 4
 """Of the fit that carries a curve over: several for the finest function."""
+
+THINNING = 16
+"""Of that fit: points beyond the new edges are apart by their distance over this, once that is more than a point's."""
 
 WITHIN_DEVIATION, BEYOND_DEVIATION = 1e-4, 0.03
 """Force units by which g may miss what it was, and its edge's value beyond, against prior deviations of weights."""
@@ -61,13 +65,11 @@ def carried_over(work: Workspace, before: Model, after: Model, prior: Prior) -> 
     fresh = np.setdiff1d(np.arange(after.size), kept)
     shift = before.basis.first_cell - after.basis.first_cell
 
-    held_at_edges = _edge_holder(before, after)
-
-    def larger_theta(theta: Floats) -> Floats:
-        larger = np.zeros(after.size)
-        larger[kept] = theta
-        larger[taps : taps + new] = held_at_edges(theta[taps : taps + old])
-        return larger
+    models = [recovery.Kept.of(row, work) for row in work.kept]
+    thetas = np.stack([work.theta, *(model.theta for model in models)])
+    larger_thetas = np.zeros((len(thetas), after.size))
+    larger_thetas[:, kept] = thetas
+    larger_thetas[:, taps : taps + new] = _held_at_edges(before, after, thetas[:, taps : taps + old])
 
     def larger_errors(errors: Floats) -> Floats:
         larger = np.zeros((after.basis.cell_count, 3))
@@ -92,10 +94,8 @@ def carried_over(work: Workspace, before: Model, after: Model, prior: Prior) -> 
                 larger[place] = larger_root(roots[place])
         return larger
 
-    def larger_row(row: Floats) -> Floats:
-        model = recovery.Kept.of(row, work)
-        parts = larger_theta(model.theta), larger_owed(model.owed), larger_errors(model.errors).ravel(), model.moments
-        return np.concatenate(parts)
+    def larger_row(model: recovery.Kept, theta: Floats) -> Floats:
+        return np.concatenate([theta, larger_owed(model.owed), larger_errors(model.errors).ravel(), model.moments])
 
     ring = np.zeros((taps, new))
     ring[:, place] = work.ring
@@ -103,13 +103,13 @@ def carried_over(work: Workspace, before: Model, after: Model, prior: Prior) -> 
     return replace(
         work,
         shape=after.shape.copy(),
-        theta=larger_theta(work.theta),
+        theta=larger_thetas[0].copy(),
         ring=ring,
         root=larger_root(work.root) if work.root.size else work.root,
         prior=prior.metric if work.prior.size else work.prior,
         errors=larger_errors(work.errors),
         owed=larger_owed(work.owed),
-        kept=np.stack([larger_row(row) for row in work.kept]),
+        kept=np.stack([larger_row(*each) for each in zip(models, larger_thetas[1:], strict=True)]),
         kept_root=larger_roots(work.kept_root) if work.root.size else work.kept_root,
         trial=np.zeros((recovery.bins(after), 3)),
         **constants,
@@ -125,35 +125,65 @@ def prior_arrays(prior: Prior) -> dict[str, Floats]:
     }
 
 
-def _edge_holder(before: Model, after: Model) -> Callable[[Floats], Floats]:
-    """Return what makes weights of `after`, (size,), from those of `before`: g is what it was, and flat beyond.
+def _held_at_edges(before: Model, after: Model, weights: Floats) -> Floats:
+    """Return weights of `after`, (n, size), from those of `before`, (n, former size): g is what it was, flat beyond.
 
     A least-squares fit over velocity to the curve as it was, held at its edges beyond, against the prior's deviations
     from the weights as they were; those at the edges, of which the samples said little, move too. The fit reaches as
     far beyond the new edges as any function does: one that knew only a part of a function would give it a wild weight.
     """
     basis = after.basis
+    assert isinstance(basis, WaveletBasis)
     wide = basis.widened()
-    place, theirs = wide.places_of(before.basis), wide.places_of(basis)
     velocity = wide.cell_velocities(POINTS_A_CELL)
+    inner = np.flatnonzero(basis.inside(velocity))
+    above, apart_above = _thinning(velocity.size - 1 - inner[-1])
+    below, apart_below = _thinning(inner[0])
+    velocity = velocity[np.concatenate([inner[0] - below, inner, inner[-1] + above])]
     index, value = wide.rows(velocity)
-    # Sparse: at any velocity a few functions differ from zero, and a range in wrong units holds thousands.
-    begins = np.arange(0, index.size + 1, index.shape[1])
-    psi = csr_array((value.ravel(), index.ravel(), begins), shape=(velocity.size, wide.size))
     held, at_edge = before.basis.rows(velocity)  # rows are held at the edge outside
-    importance = 1.0 / np.where(before.basis.inside(velocity), WITHIN_DEVIATION, BEYOND_DEVIATION)
+    importance = np.sqrt(np.concatenate([apart_below, np.ones(inner.size), apart_above]))
+    importance /= np.where(before.basis.inside(velocity), WITHIN_DEVIATION, BEYOND_DEVIATION)
     scale = after.config.prior.weight_deviation * wide.prior_scale(after.config.prior.weight_slope)
-    columns = diagonal(importance) @ psi @ diagonal(scale)
-    solve = splu(csc_array(columns.T @ columns + identity(wide.size))).solve
+    # Beyond the new edges the curve is flat: there the scaling functions, whose span holds a constant, are enough.
+    theirs = wide.places_of(basis)
+    fitted = np.union1d(theirs, np.flatnonzero(wide.is_scaling))
+    columns = _matrix(index, importance[:, None] * value * scale[index], wide.size)[:, fitted]
+    curves = _matrix(held, importance[:, None] * at_edge, before.basis.size) @ weights.T
+    larger = np.zeros((wide.size, len(weights)))
+    larger[wide.places_of(before.basis)] = weights.T
+    missing = columns.T @ (curves - columns @ (larger / scale[:, None])[fitted])
+    normal = np.eye(fitted.size)
+    _add_products(columns.indptr, columns.indices, columns.data, normal)
+    larger[fitted] += scale[fitted, None] * cho_solve(cho_factor(normal, lower=True, overwrite_a=True), missing)
+    return np.ascontiguousarray(larger[theirs].T)
 
-    def hold(weights: Floats) -> Floats:
-        larger = np.zeros(wide.size)
-        larger[place] = weights
-        wanted = np.sum(weights[held] * at_edge, axis=1)
-        larger += scale * solve(columns.T @ (importance * (wanted - psi @ larger)))
-        return np.asarray(larger[theirs])
 
-    return hold
+def _thinning(count: int) -> tuple[Ints, Floats]:
+    """Return distances beyond an edge, from 1 to `count` at the most, and how far each is from the next.
+
+    They thin out: of the functions of the range only broad ones reach far beyond its edge.
+    """
+    distances = [1]
+    while distances[-1] < count:
+        distances.append(distances[-1] + max(1, distances[-1] // THINNING))
+    return np.array(distances[:-1], np.int64), np.diff(np.array(distances, np.float64))
+
+
+def _matrix(index: NDArray[np.int32], value: Floats, size: int) -> csr_array:
+    """Return rows of a basis as a matrix, (n, size): at any velocity a few functions differ from zero."""
+    begins = np.arange(0, index.size + 1, index.shape[1])
+    return csr_array((value.ravel(), index.ravel(), begins), shape=(len(index), size))
+
+
+@njit(cache=True)
+def _add_products(begins, index, value, total):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Add X' X of a sparse X in compressed rows to the lower triangle of `total`."""
+    for row in range(begins.size - 1):
+        for i in range(begins[row], begins[row + 1]):
+            for j in range(begins[row], begins[row + 1]):
+                if index[j] <= index[i]:
+                    total[index[i], index[j]] += value[i] * value[j]
 
 
 def cold_start(model: Model, prior: Prior, metric: Floats, covariance: bool, constants: Floats) -> Workspace:

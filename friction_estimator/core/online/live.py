@@ -98,6 +98,7 @@ class LiveStep(Events):
         self._status, self._restart = np.zeros(1, np.int8), np.zeros(1, np.bool_)
         self._outcome = np.zeros(4)
         self._usual = False
+        self._grows: Estimator | None = None
         self._sample = Addresses([], [])  # nothing is taken alone yet
         self._connect(intake)
         if estimator is None and config.is_met:
@@ -132,6 +133,7 @@ class LiveStep(Events):
         -------
         The predictions of the samples that were completed and admitted; none while the first contact lasts.
         """
+        self.settle()
         estimator = self.estimator
         if estimator is not None and (estimator.work is not self._work or estimator.config is not self._config):
             self._refresh(estimator)
@@ -154,6 +156,15 @@ class LiveStep(Events):
         else:
             self._fall_behind(samples)
         return self.work_off(most, learn=learn)
+
+    def settle(self) -> None:
+        """Let the range grow where the last sample asked for it: milliseconds that its prediction need not wait for.
+
+        The next `run` does it otherwise: the results are the same.
+        """
+        estimator, self._grows = self._grows, None
+        if estimator is not None:
+            estimator.grow()
 
     def begin(self, estimator: Estimator) -> None:
         """Go on with this estimator; samples that wait for one become the backlog."""
@@ -259,10 +270,9 @@ class LiveStep(Events):
 
     def _step(self, estimator: Estimator) -> Prediction:
         """Predict and learn from the one sample that was received."""
-        grows, unit = kernels.run(*self._arguments), self._unit
+        self._grows = estimator if kernels.run(*self._arguments) else None
+        unit = self._unit
         velocity, friction, predicted, deviation = self._outcome.tolist()
-        if grows:
-            estimator.grow()
         return self._stamp.item(), velocity, friction, predicted * unit, deviation * unit
 
     @staticmethod
