@@ -16,7 +16,7 @@ from friction_estimator.core.model.prior import Prior
 from friction_estimator.core.online import workspace
 from friction_estimator.core.online.adaptation import LAWS
 from friction_estimator.core.online.estimator import Estimator
-from friction_estimator.core.online.growth import carried_over, grown_model
+from friction_estimator.core.online.growth import LEAST_GROWTH, carried_over, grown_model
 from friction_estimator.core.online.kernels import GROW_AFTER
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
@@ -89,7 +89,7 @@ def test_curve_and_band_over_the_former_range_stay_what_they_were(model_type, la
 def test_beyond_the_former_range_g_keeps_its_edge_value(model_type, fast):
     before, after = grown(model_type, fast=fast)
     (low, high), (lowest, highest) = before.model.basis.reach, after.model.basis.reach
-    assert (lowest, highest) == (low, MARGIN * fast)
+    assert (lowest, highest) == (low, pytest.approx(max(MARGIN * fast, LEAST_GROWTH * high)))
     beyond_it = np.linspace(high, highest, 100)
     held = before.model.static_map(before.work.theta, beyond_it)  # held outside its range
     now = after.model.static_map(after.work.theta, beyond_it)

@@ -3,8 +3,8 @@
 python latency.py [--rounds 8] [--round-seconds 6] [--rate 1000] [--before COMMIT]
 
 "Everything periodic": a save every second, listeners of diagnostics, curve and parameters, and a parameter that is set
-every second. "Refits": a drive that is 1.3 times as fast every second, so that the range of the curve has to grow, and
-the curve to be fitted anew over a larger one, several times a second. One node process a round is measured without and
+every second. "Refits": a drive that runs up by a tenth a second, so that the range of the curve has to grow, and the
+curve to be fitted anew over a larger one, about once a second. One node process a round is measured without and
 with each, in turns that swap their order from round to round, so that what else the machine does meets both alike: the
 factor is the median of these pairs. With --before the node of that commit is measured in the same way: what has changed
 since then.
@@ -42,7 +42,7 @@ OWN_RANGE = {
 }
 """The units of the other nodes, but the range may grow."""
 
-FASTER = 1.3
+FASTER = 1.1
 """Factor on the speed from second to second under refits."""
 
 

@@ -24,6 +24,9 @@ LARGEST_GROWTH = 10.0
 """Largest factor by which the range grows at once: faster drives take another twenty samples, and a burst of absurd
 velocities does not make the model large."""
 
+LEAST_GROWTH = 1.25
+"""Smallest factor: a drive that runs up goes on, and each growth takes milliseconds. Companded cells are few there."""
+
 POINTS_A_CELL = 4
 """Of the fit that carries a curve over: several for the finest function."""
 
@@ -38,7 +41,9 @@ def grown_model(model: Model, velocity_m_s: float, extension: Extension | None) 
     """Return the model whose range holds `velocity_m_s` with its margin, or None where it would grow too large."""
     low, high = model.basis.reach
     most = LARGEST_GROWTH * max(abs(low), abs(high))
-    reached = min(max(MARGIN * velocity_m_s, -most), most)
+    edge = high if velocity_m_s > 0.0 else low
+    further = max(MARGIN * abs(velocity_m_s), LEAST_GROWTH * edge * np.sign(velocity_m_s))
+    reached = float(min(further, most) * np.sign(velocity_m_s))
     low, high = min(low, reached), max(high, reached)
     try:
         return Model(model.config.updated({"learned.velocity_range": (low, high)}), extension)
