@@ -8,7 +8,7 @@ from scipy.stats import t as student
 
 from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.base_problem import BaseProblem
-from friction_estimator.diagnosis.intervals import estimates
+from friction_estimator.diagnosis.intervals import Estimate, estimates
 from friction_estimator.diagnosis.joint import Joint, JointFit, cross_validated_loss
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.effects.base import REVERSAL, Effect
@@ -94,6 +94,7 @@ class Candidates:
         self._known: dict[tuple[int, str, tuple[tuple[str, float], ...]], Candidate | None] = {}
         self._shaped: dict[tuple[int, str], Candidate] = {}
         self._kept: list[Model] = []
+        self._estimates: dict[int, list[dict[str, Estimate]]] = {}
 
     def base(self) -> Model:
         """Return the base model alone."""
@@ -182,8 +183,36 @@ class Candidates:
 
         Of the other quantities one at least must: a drift whose total may be nothing is another name for a bias.
         """
-        term, record = one.term, self.problem.record
-        fitted = estimates(one.model.joint, record, self.context, self.seed, systematic=False)[-1]
+        return self._known_sign(one.model, -1)
+
+    def superfluous(self, model: Model, share: float) -> int | None:
+        """Return the place of a term before the last one that the last one has made needless, or None.
+
+        Its every size may be nothing beside the last one, and without it the model loses less than this share of its
+        error power.
+        """
+        for i in range(len(model.joint.terms) - 1):
+            if not self._known_sign(model, i):
+                lost = self.without(model, i)
+                saved = lost.joint.base.coefficients.memory_energy - model.joint.base.coefficients.memory_energy
+                more = float((lost.loss - model.loss).sum()) + model.joint.base.coefficients.variance * saved
+                if more < share * float(model.loss.sum()):
+                    return i
+        return None
+
+    def without(self, model: Model, i: int) -> Model:
+        """Return the model without one of its terms, the others refined from where they are."""
+        terms = [t for k, t in enumerate(model.joint.terms) if k != i]
+        return self._judged(self._fit(terms, model.joint.base.coefficients, search=False))
+
+    def _known_sign(self, model: Model, i: int) -> bool:
+        """Return `known_sign` of one term of a model."""
+        if id(model) not in self._estimates:
+            self.keep(model)
+            self._estimates[id(model)] = estimates(
+                model.joint, self.problem.record, self.context, self.seed, systematic=False
+            )
+        term, fitted = model.joint.terms[i], self._estimates[id(model)][i]
         one_sign = {name for name in fitted if name in term.effect.refined and name not in term.effect.steps}
         if len(term.effect.signs) == term.weights.size and all(term.effect.signs):
             one_sign |= set(fitted)

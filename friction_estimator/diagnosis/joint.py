@@ -11,7 +11,7 @@ from friction_estimator.diagnosis.base_problem import BaseProblem, Coefficients
 from friction_estimator.diagnosis.evidence import Evidence
 from friction_estimator.diagnosis.lagged import Extra
 from friction_estimator.diagnosis.library import columns_of, with_running_force
-from friction_estimator.diagnosis.own_columns import OwnColumns, Term, before, time_of
+from friction_estimator.diagnosis.own_columns import OwnColumns, Term, before, film_of, time_of
 from friction_estimator.diagnosis.products import inner
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.seek import best_time, over_bends, over_jumps
@@ -131,12 +131,17 @@ class JointFit:
         term, time = terms[i], time_of(terms)
         if self._base.changed_by(term):
             return np.zeros((features.size, 0))
-        if time is None or not before(term.effect, time.effect):
-            return columns_of(term.effect, term.params, features, reference)
-        if time.effect.late_s(time.params) != 0.0:
+        early = time is not None and before(term.effect, time.effect)
+        if early and time.effect.late_s(time.params) != 0.0:
             features = with_running_force(self._base.at(time, features), reference)
         made = columns_of(term.effect, term.params, features, reference)
-        return time.effect.smoothed(time.params, made, features)
+        if term.effect.follows_film() and (film := film_of(terms)) is not None:
+            share, moved, factor = self._base.film(film, features, reference)
+            if share > 0.0:
+                moved = with_running_force(moved, reference)
+                there = columns_of(term.effect, term.params, moved, reference)
+                made = made + share * (factor[:, None] * there - made)
+        return time.effect.smoothed(time.params, made, features) if early else made
 
     def _fitted(self, terms: Sequence[Term], columns: Sequence[Floats], start: Coefficients) -> Coefficients:
         """Fit base and coefficients for given columns."""
@@ -219,6 +224,8 @@ class JointFit:
             return -float(pull @ np.linalg.solve(left, pull))
 
         for name in effect.refined:
+            if name in effect.shares:
+                continue
             low, high = effect.bracket(name, params[name], self._context)
             seek = over_jumps if name in effect.steps else over_bends
             params[name] = seek(lambda v, n=name: loss(n, v), low, high)  # type: ignore[misc]

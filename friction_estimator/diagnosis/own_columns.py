@@ -6,7 +6,7 @@ settle, while the lag, fitted beside a wrong gain, hardly moves (decision 0132).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -44,6 +44,11 @@ def before(one: type[Effect], other: type[Effect]) -> bool:
 def time_of(terms: Sequence[Term]) -> Term | None:
     """Return the one time of the whole force among some terms."""
     return next((t for t in terms if t.effect.delays), None)
+
+
+def film_of(terms: Sequence[Term]) -> Term | None:
+    """Return the film that lags among some terms."""
+    return next((t for t in terms if t.effect.in_theory), None)
 
 
 class OwnColumns:
@@ -106,7 +111,27 @@ class OwnColumns:
                 continue
             features = here if time is None else self.at(time, here)
             column = columns_of(term.effect, term.params, features, self._theory)
+            share, moved, factor = self.film(term, features, self._theory)
+            change = np.zeros(static.shape)
+            if share > 0.0:
+                tables = problem.tables
+                there = tables.at(moved.velocity_m_s, moved.pressure_Pa)
+                change = share * (factor[:, None] * there - tables.at(features.velocity_m_s, features.pressure_Pa))
+            change[:, :1] = column
             if time is not None:
-                column = time.effect.smoothed(time.params, column, features)
-            static = np.column_stack([static[:, :1] + column, static[:, 1:]])
+                change = time.effect.smoothed(time.params, change, features)
+            static = static + change
         return static
+
+    def film(self, term: Term, features: Features, reference: Reference) -> tuple[float, Features, Floats]:
+        """Return what makes of a column that of a film that lags.
+
+        Returns
+        -------
+        share : of the column that follows the film. moved : the features at the film's speed.
+        factor : (n,), S(v) / S(u): what sets the force's sign, the present velocity, does not lag.
+        """
+        share, speed = term.effect.film(term.params, features, reference)
+        v = features.velocity_m_s
+        moved = replace(features, velocity_m_s=np.sign(v) * speed)
+        return share, moved, np.abs(reference.smooth_sign(v)) / reference.smooth_sign(speed)

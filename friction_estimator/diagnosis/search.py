@@ -1,7 +1,7 @@
 """The search for causes: screen, gate, compare by joint refit, look one cause ahead where two come close."""
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import BaseProblem, Capacity
@@ -151,7 +151,7 @@ class Searcher:
         causes: list[Cause] = []
         warnings: list[str] = []
         asked: list[str] = []
-        refused: set[str] = set()
+        refused, dropped = set[str](), set[str]()
         while True:
             model = models[-1]
             progress(f"screening for cause {len(causes) + 1}", 0.15 + 0.12 * len(causes))
@@ -159,7 +159,7 @@ class Searcher:
             found = None
             if len(causes) < MOST_CAUSES:
                 progress(f"comparing causes {len(causes) + 1}", 0.2 + 0.12 * len(causes))
-                found = self._winner(model, view, causes, {*asked, *refused})
+                found = self._winner(model, view, causes, {*asked, *refused, *dropped})
             if not causes and not refused and len(warnings) < 2:
                 capacity, lack = wider(model.joint, view.evidence)
                 gained = found[0].gain if found else 0.0
@@ -184,6 +184,9 @@ class Searcher:
             causes.append(Cause(best.name, p_value, best.gain, rivals))
             models.append(best.model)
             refused.clear()
+            while (needless := self.fits.superfluous(models[-1], LATER_SHARE)) is not None:
+                dropped.add(causes[needless].name)
+                causes, models = self._without(needless, causes, models)
         return Search(
             self.problem,
             tuple(causes),
@@ -194,6 +197,20 @@ class Searcher:
             view.evidence,
             view.screened,
         )
+
+    def _without(self, i: int, causes: list[Cause], models: list[Model]) -> tuple[list[Cause], list[Model]]:
+        """Return causes and models without a cause, each cause after it with its gain over the model before it."""
+        last = self.fits.without(models[-1], i)
+        between, one = [last], last
+        while len(one.joint.terms) > i + 1:
+            one = self.fits.without(one, len(one.joint.terms) - 1)
+            between.insert(0, one)
+        models = [*models[: i + 1], *between]
+        after = [
+            replace(cause, gain=float((models[k].loss - models[k + 1].loss).sum()))
+            for k, cause in enumerate(causes[i + 1 :], i)
+        ]
+        return [*causes[:i], *after], models
 
     def _starts_with(self, capacity: Capacity | None = None) -> None:
         """Begin with a base model of this size."""
@@ -228,9 +245,11 @@ class Searcher:
             return True
         if best.gain < LATER_SHARE * float(model.loss.sum()) and not best.by_evidence:
             return False
-        alike_ = best.effect.acts == REVERSAL and any(self.catalogue[c.name].acts == REVERSAL for c in causes)
-        beside, of_left = (ALIKE_SHARE, ALIKE_LEFT) if alike_ else (SECOND_SHARE, SECOND_LEFT)
-        return best.gain >= beside * causes[0].gain or best.gain >= of_left * self._left(model)
+        left = self._left(model)
+        if best.gain < SECOND_SHARE * causes[0].gain and best.gain < SECOND_LEFT * left:
+            return False
+        like = [c.gain for c in causes if best.effect.acts == self.catalogue[c.name].acts == REVERSAL]
+        return not like or best.gain >= min(ALIKE_SHARE * max(like), ALIKE_LEFT * left)
 
     def _left(self, model: Model) -> float:
         """Return the held-out error power above the noise floor, summed, N^2."""

@@ -18,6 +18,7 @@ from friction_estimator.core.sample import Floats
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.detection import ORDER, DataView, Fault
 from friction_estimator.effects.features import Context, Features
+from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.trace import STAGES, Trace
 from friction_estimator.effects.whole import StaticTables
 
@@ -108,6 +109,7 @@ class Effect:
         interval, since data alone rarely tell the form (measured with the `form` keys, see benchmarks/diagnosis).
     refined : grid parameters that the diagnosis refines continuously after naming.
     steps : those of them in which the columns jump rather than bend; sought by zooming.
+    shares : those of them that are a share between 0 and 1: they move by the steps of a joint fit only.
     acts : "everywhere"; "reversal" where the columns act shortly after reversals only; "slow" where they are a function
         of the time or the distance run.
     many : True where the grid has hundreds of points: a bootstrap of its own, and a gain in most blocks.
@@ -117,7 +119,8 @@ class Effect:
         Clipping and bias are none of these: they would blame the sensor for it.
     delays : True where the effect is one time of the whole force, which the base's own memory can take up: the two are
         compared by evidence.
-    in_theory : True where the effect moves the theory's own curve, so that its columns scale with the theory's gain.
+    in_theory : True where the effect moves the theory's own curve, so that its columns scale with the theory's gain;
+        it has a `film`.
     scatters : True where the effect adds scatter rather than a mean.
     detects_at : when `detect` is asked, one of `detection.ORDER`; "" where the effect is no fault of the data.
     figure : kind of figure that shows it (`report.diagnosis_figures`); "reveals" is the residual over `reveals`.
@@ -139,6 +142,7 @@ class Effect:
     systematic: ClassVar[Mapping[str, float]] = {}
     refined: ClassVar[tuple[str, ...]] = ()
     steps: ClassVar[tuple[str, ...]] = ()
+    shares: ClassVar[tuple[str, ...]] = ()
     acts: ClassVar[str] = EVERYWHERE
     many: ClassVar[bool] = False
     has_phase: ClassVar[bool] = False
@@ -236,6 +240,16 @@ class Effect:
     def smoothed(cls, params: Params, columns: Floats, features: Features) -> Floats:  # noqa: ARG003
         """Return what it makes of an earlier stage's columns, (n, c), beside that lateness; where it `delays`."""
         return columns
+
+    @classmethod
+    def film(cls, params: Params, features: Features, reference: Reference) -> tuple[float, Floats]:
+        """Return the share of what is not the theory's that follows the film, and the film's speed, (n,), m/s."""
+        raise NotImplementedError
+
+    @classmethod
+    def follows_film(cls) -> bool:
+        """Return whether its columns are friction at a speed, which a film that lags makes that of an earlier speed."""
+        return cls.stage in STAGES[: STAGES.index("mechanics")] and cls.acts != REVERSAL
 
     # Fault of the data
 

@@ -12,8 +12,8 @@ from friction_estimator.effects.base import REVERSAL, Effect, Key, Params, Words
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import beyond_time, times
-from friction_estimator.effects.kernels import film_lag
-from friction_estimator.effects.reference import BOUNDARY, SHEAR, Reference
+from friction_estimator.effects.kernels import DELAY_LINE, delayed_film_speed, film_speed, on_film
+from friction_estimator.effects.reference import BOUNDARY, FORCE, SHEAR, Reference
 from friction_estimator.effects.trace import Trace
 
 
@@ -149,7 +149,7 @@ class FrictionalLag(Effect):
     @classmethod
     def grid(cls, context: Context) -> list[dict[str, float]]:
         """Lags from 0.02 samples to a quarter of the shortest period."""
-        return chosen(times(context), "lag")
+        return [lag | {"rest": 0.0} for lag in chosen(times(context), "lag")]
 
     @classmethod
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
@@ -157,30 +157,63 @@ class FrictionalLag(Effect):
         return beyond_time("lag", params["lag"], context)
 
     @classmethod
+    def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:
+        """A share lies between nothing and all."""
+        return (0.0, 1.0) if name in cls.shares else super().bracket(name, value, context)
+
+    @classmethod
     def columns(cls, params: Params) -> Columns:
-        """Return what the boundary and the shear part change on the film of the lagged speed."""
+        """Return what friction changes on the film of the lagged speed: the theory's boundary and shear part.
+
+        Of what the curve has beside the theory a share `rest` follows the film as well, as boundary friction does.
+        """
+        rest = params.get("rest", 0.0)
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:
-            out = np.empty(f.size)
-            film_lag(
-                f.step_s,
-                f.previous_m_s,
+            film, out = film_of(f, r, params, s), np.empty(f.size)
+            beside = r.tables[FORCE] - r.tables[BOUNDARY] - r.tables[SHEAR]
+            on_film(
                 f.velocity_m_s,
+                film,
                 f.pressure_Pa,
-                params["lag"],
                 r.sign_velocity_m_s,
-                r.tables[BOUNDARY],
+                r.tables[BOUNDARY] + rest * beside,
                 r.tables[SHEAR],
                 r.pressures_Pa,
                 r.bend_m_s,
                 r.reach,
-                s,
                 out,
             )
             return out
 
-        return Columns(compute, state=2, filtered=True)
+        return Columns(compute, state=DELAY_LINE, filtered=True)
+
+    @classmethod
+    def variants(cls, params: Params) -> list[dict[str, float]]:
+        """A pure delay of the film: it is thinnest one lag after the reversal, a first-order lag's sooner."""
+        return [dict(params) | {"delayed": 1.0}]
+
+    @classmethod
+    def film(cls, params: Params, features: Features, reference: Reference) -> tuple[float, Floats]:
+        """Return the share of what the theory does not say that follows the film, and the film's speed, (n,), m/s."""
+        return params.get("rest", 0.0), film_of(features, reference, params, np.zeros(DELAY_LINE))
+
+    @classmethod
+    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
+        """Lag."""
+        return {"lag": (params["lag"], "s")}
 
     signs = (1,)
     fixed_gain = True
-    refined = ("lag",)
+    refined = ("lag", "rest")
+    shares = ("rest",)
+
+
+def film_of(features: Features, reference: Reference, params: Params, state: Floats) -> Floats:
+    """Return the speed that has built a film that lags, (n,), m/s; `state` is carried from piece to piece."""
+    f, r, out = features, reference, np.empty(features.size)
+    if params.get("delayed", 0.0) >= 0.5:
+        delayed_film_speed(f.step_s, f.velocity_m_s, params["lag"], r.sign_velocity_m_s, state, out)
+    else:
+        film_speed(f.step_s, f.previous_m_s, f.velocity_m_s, params["lag"], r.sign_velocity_m_s, r.bend_m_s, state, out)
+    return out

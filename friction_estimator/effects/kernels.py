@@ -146,55 +146,61 @@ def force_lag(step, previous, velocity, pressure, tau, table, pressures, bend, r
         out[k] = state[0] - now
 
 
+DELAY_LINE = 1 + 2 * RING
+"""Length of the state of `earlier`."""
+
+
+@njit(cache=True)
+def earlier(step, velocity, delay, state):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Take in a velocity and return that of `delay` ago, linear between samples.
+
+    state = [count, ring of steps, ring of velocities]. Before the delay line is filled the oldest velocity holds.
+    """
+    if step <= 0.0:
+        state[0] = 0.0
+    count = int(state[0])
+    place = count % RING
+    state[1 + place] = step
+    state[1 + RING + place] = velocity
+    state[0] = float(count + 1)
+    left = delay
+    back = 0
+    while back < RING - 1:
+        row = (count - back) % RING
+        dt = state[1 + row]
+        if count - back <= 0 or dt <= 0.0:
+            return state[1 + RING + row]
+        if left <= dt:
+            v0 = state[1 + RING + (row - 1) % RING]
+            v1 = state[1 + RING + row]
+            return v1 + (v0 - v1) * left / dt
+        left -= dt
+        back += 1
+    return velocity
+
+
 @njit(cache=True)
 def force_delay(step, velocity, pressure, delay, table, pressures, bend, reach, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """F(v(t - delay)) - F(v(t)), velocity linear between samples; state = [count, ring of steps, ring of velocities].
-
-    Before the delay line is filled the oldest velocity holds.
-    """
+    """F(v(t - delay)) - F(v(t)), velocity linear between samples; state: see `earlier`."""
     for k in range(velocity.size):
-        if step[k] <= 0.0:
-            state[0] = 0.0
-        count = int(state[0])
-        place = count % RING
-        state[1 + place] = step[k]
-        state[1 + RING + place] = velocity[k]
-        state[0] = float(count + 1)
-        left = delay
-        v = velocity[k]
-        back = 0
-        while back < RING - 1:
-            row = (count - back) % RING
-            dt = state[1 + row]
-            if count - back <= 0 or dt <= 0.0:
-                v = state[1 + RING + row]
-                break
-            if left <= dt:
-                v0 = state[1 + RING + (row - 1) % RING]
-                v1 = state[1 + RING + row]
-                v = v1 + (v0 - v1) * left / dt
-                break
-            left -= dt
-            back += 1
+        v = earlier(step[k], velocity[k], delay, state)
         out[k] = lookup(table, pressures, bend, reach, v, pressure[k]) - lookup(
             table, pressures, bend, reach, velocity[k], pressure[k]
         )
 
 
-@njit(cache=True)
-def film_lag(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    step, previous, velocity, pressure, tau, sign_velocity, boundary, shear, pressures, bend, reach, state, out
-):
-    """S(v) (B(u)/S(u) - B(|v|)/S(|v|)) + v (H(u)/u - H(|v|)/|v|), u the first-order lag of |v|. state = [u, started].
+LEAST_FILM = 1e-2
+"""Share of the smooth sign's speed below which a film's speed is taken as that."""
 
-    B and H are the boundary and the shear part of the theory: the film's thickness, which sets both, is that of u.
-    """
+
+@njit(cache=True)
+def film_speed(step, previous, velocity, tau, sign_velocity, bend, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Speed u that has built the film, the first-order lag of |v|, never zero. state = [u, started]."""
     for k in range(velocity.size):
-        speed = abs(velocity[k])
         if step[k] <= 0.0 or state[1] == 0.0:
-            state[0] = speed
+            state[0] = abs(velocity[k])
             state[1] = 1.0
-            out[k] = 0.0
+            out[k] = max(state[0], LEAST_FILM * sign_velocity)
             continue
         count = substeps(previous[k], velocity[k], bend)
         dt = step[k] / count
@@ -205,9 +211,25 @@ def film_lag(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
             slope = (s - last) / dt
             state[0] = s - slope * tau + (state[0] - last + slope * tau) * decay
             last = s
-        film = max(state[0], 1e-2 * sign_velocity)
-        floor = max(speed, 1e-2 * sign_velocity)
-        p = pressure[k]
+        out[k] = max(state[0], LEAST_FILM * sign_velocity)
+
+
+@njit(cache=True)
+def delayed_film_speed(step, velocity, delay, sign_velocity, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Speed |v(t - delay)| that has built the film, never zero. state: see `earlier`."""
+    for k in range(velocity.size):
+        out[k] = max(abs(earlier(step[k], velocity[k], delay, state)), LEAST_FILM * sign_velocity)
+
+
+@njit(cache=True)
+def on_film(velocity, film_speed, pressure, sign_velocity, boundary, shear, pressures, bend, reach, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """S(v) (B(u)/S(u) - B(|v|)/S(|v|)) + v (H(u)/u - H(|v|)/|v|), u the speed that has built the film.
+
+    B and H are the boundary and the shear part of the friction: the film's thickness, which sets both, is that of u.
+    """
+    for k in range(velocity.size):
+        film, p = film_speed[k], pressure[k]
+        floor = max(abs(velocity[k]), LEAST_FILM * sign_velocity)
         dry = lookup(boundary, pressures, bend, reach, film, p) / np.tanh(film / sign_velocity)
         dry -= lookup(boundary, pressures, bend, reach, floor, p) / np.tanh(floor / sign_velocity)
         wet = lookup(shear, pressures, bend, reach, film, p) / film

@@ -50,13 +50,14 @@ class StaticTables:
         Within each gap-free piece; before its first sample and after its last that sample's values hold.
         """
         moved = (shifted(values, features, delay_s) for values in (features.velocity_m_s, features.pressure_Pa))
-        return self._at(*moved)
+        return self.at(*moved)
 
     def advanced(self, features: Features, delay_s: float) -> Floats:
         """Return the columns at the velocity of `delay_s` later, and the pressure of now, (n, m)."""
-        return self._at(shifted(features.velocity_m_s, features, -delay_s), features.pressure_Pa)
+        return self.at(shifted(features.velocity_m_s, features, -delay_s), features.pressure_Pa)
 
-    def _at(self, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
+    def at(self, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
+        """Return the columns at the given points, (n, m)."""
         out = np.empty((velocity_m_s.size, self.values.shape[2]))
         _columns(velocity_m_s, pressure_Pa, self.values, self.pressures_Pa, self.bend_m_s, self.reach, out)
         return out
