@@ -82,8 +82,8 @@ def test_a_lag_of_the_film_settles_in_a_few_rounds() -> None:
     record = build_record([samples], SEAL)
     context = record.context(SEAL, float(np.abs(record.friction_N).max()))
     problem = BaseProblem(record, SEAL)
-    settled = JointFit(problem, context)([Term(EFFECTS["frictional_lag"], {"lag": 0.004})])
-    soon = JointFit(problem, context)([Term(EFFECTS["frictional_lag"], {"lag": 0.004})], rounds=4)
+    settled = JointFit(problem, context)([Term(EFFECTS["frictional_lag"], {"lag": 0.004, "rest": 0.0})])
+    soon = JointFit(problem, context)([Term(EFFECTS["frictional_lag"], {"lag": 0.004, "rest": 0.0})], rounds=4)
     assert soon.terms[0].params["lag"] == pytest.approx(settled.terms[0].params["lag"], rel=1e-3)
     assert soon.base.coefficients.cost < 1.002 * settled.base.coefficients.cost
     whole = settled.base.fitted_N

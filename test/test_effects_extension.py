@@ -18,6 +18,8 @@ TERMS = [
     "presliding:length=2e-5,scale=0.5",
     "time_delay:delay=0.004",
     "frictional_lag:lag=0.01",
+    "frictional_lag:lag=0.01,rest=0.7",
+    "frictional_lag:lag=0.013,delayed=1",
     "position_dependence:wavelength=0.005,part=2",
     "sensor_drift:duration=10,part=1",
     "backlash:gap=1e-5",

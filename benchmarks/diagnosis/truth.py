@@ -87,6 +87,8 @@ def best_fit(effect: Effect, made: Made, index: int, plant: str) -> dict[str, Ra
     for params in _starts(cls, effect, context):
         plateaus: dict[str, Range] = {}
         for name in cls.refined:
+            if name in getattr(cls, "shares", ()):  # nothing hidden departs from the theory
+                continue
             low, high = cls.bracket(name, params[name], context)
             ends = _sought(lambda v, n=name, p=params: fitted(p | {n: v})[0], low, high, name in cls.steps)
             params[name] = 0.5 * (ends[0] + ends[1])

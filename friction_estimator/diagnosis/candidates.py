@@ -100,12 +100,15 @@ class Candidates:
         """Return the base model alone."""
         return self._judged(self._fit())
 
-    def __call__(self, model: Model, name: str, params: Mapping[str, float]) -> Candidate | None:
-        """Return the effect beside the model, or None where its signs or its values cannot be."""
+    def __call__(self, model: Model, name: str, params: Mapping[str, float], search: bool = True) -> Candidate | None:
+        """Return the effect beside the model, or None where its signs or its values cannot be.
+
+        `search` looks for what it refines over the whole bracket, else from where it is.
+        """
         key = id(model), name, tuple(sorted(params.items()))
         if key not in self._known:
             self.keep(model)
-            self._known[key] = self._fitted(model, name, params)
+            self._known[key] = self._fitted(model, name, params, search)
         return self._known[key]
 
     def keep(self, model: Model) -> None:
@@ -117,7 +120,8 @@ class Candidates:
         key = id(model), best.name
         if key not in self._shaped:
             for params in best.effect.variants(best.term.params):
-                other = self(model, best.name, params)
+                # Each time of a film forms the base's products anew, and its other form is late by the same time.
+                other = self(model, best.name, params, search=not best.effect.in_theory)
                 if other is None:
                     continue
                 more = max(other.freedom - best.freedom, 1)
@@ -146,9 +150,9 @@ class Candidates:
             return one
         return self._candidate(model, best) or one
 
-    def _fitted(self, model: Model, name: str, params: Mapping[str, float]) -> Candidate | None:
+    def _fitted(self, model: Model, name: str, params: Mapping[str, float], search: bool) -> Candidate | None:
         here = model.joint.base.coefficients
-        joint = self._fit([*model.joint.terms, Term(self.catalogue[name], dict(params))], here)
+        joint = self._fit([*model.joint.terms, Term(self.catalogue[name], dict(params))], here, search=search)
         return self._candidate(model, joint)
 
     def _candidate(self, model: Model, joint: Joint) -> Candidate | None:

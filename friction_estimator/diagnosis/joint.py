@@ -35,6 +35,9 @@ DERIVATIVE_STEP = 1e-3
 JUMP_STEP = 4e-3
 """The same for a parameter in which the columns jump: at least a sample must move."""
 
+LEAST_SLOPE = 1e-11
+"""Share of the rms of friction below which a column of the tangent is rounding: its parameter stays where it is."""
+
 HELD = 1e12
 """Penalty of a tangent coefficient that must stay zero."""
 
@@ -252,6 +255,11 @@ class JointFit:
         fit = BaseFit.of(self._base(terms), here)
         used = self._used
         slopes = [self._slope(terms, i, name, columns[i], fit, features, reference) for i, name in places]
+        # What changes nothing here (a share of nothing) has a slope of rounding only.
+        shown = [float(np.std(s)) > LEAST_SLOPE * self._problem.scale for s in slopes]
+        places, slopes = ([one for one, so in zip(some, shown, strict=True) if so] for some in (places, slopes))
+        if not places:
+            return terms, columns, here
         parts = sum((c @ t.weights for c, t in zip(columns, terms, strict=True) if c.size), np.zeros(features.size))
         e = self._record.friction_N - fit.fitted_N - parts
         free = [c for c, t in zip(columns, terms, strict=True) if not t.effect.fixed_gain]
@@ -313,7 +321,7 @@ class JointFit:
                 residual = residual - parts[-1]
         beside, scales = list[Floats](), [np.ones(fit.tangent.shape[1])]
         held: list[Floats] = []
-        usual = 1e-12 * self._problem.scale
+        usual = LEAST_SLOPE * self._problem.scale
         for i, (term, column) in enumerate(zip(terms, columns, strict=True)):
             slopes = [] if term.effect.fixed_gain else [column]
             slopes += [

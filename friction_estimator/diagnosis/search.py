@@ -46,8 +46,8 @@ MEASURED_SHARE = 0.25
 
 SECOND_SHARE = 0.02
 ALIKE_SHARE = 0.10
-"""A further cause must bring this share of the first one's gain; the larger where both act near reversals, since what
-another functional form of the first leaves there looks like the second."""
+"""A further cause must bring this share of the first one's gain; where it acts near reversals, also the larger one of
+that of an earlier one that does: what another functional form of the earlier one leaves there looks like it."""
 
 SECOND_LEFT, ALIKE_LEFT = 0.2, 0.8
 """Or this share of what the causes before it have left above the noise floor: a first cause of great power, a trait of
@@ -152,6 +152,7 @@ class Searcher:
         warnings: list[str] = []
         asked: list[str] = []
         refused, dropped = set[str](), set[str]()
+        weak: list[Candidate] = []
         while True:
             model = models[-1]
             progress(f"screening for cause {len(causes) + 1}", 0.15 + 0.12 * len(causes))
@@ -172,8 +173,10 @@ class Searcher:
                 break
             best, rivals = found
             by_data = best.held_N2 > view.needed.get(best.name, view.least)
-            if not self._admitted(model, best, by_data, causes):
+            if not self._admitted(model, best, by_data, causes) or not self._apart(best, weak):
                 refused.add(best.name)
+                if not self._enough(model, best, causes):
+                    weak.append(best)
                 if len(refused) == MOST_REFUSED:
                     break
                 continue
@@ -184,6 +187,7 @@ class Searcher:
             causes.append(Cause(best.name, p_value, best.gain, rivals))
             models.append(best.model)
             refused.clear()
+            weak.clear()
             while (needless := self.fits.superfluous(models[-1], LATER_SHARE)) is not None:
                 dropped.add(causes[needless].name)
                 causes, models = self._without(needless, causes, models)
@@ -250,6 +254,18 @@ class Searcher:
             return False
         like = [c.gain for c in causes if best.effect.acts == self.catalogue[c.name].acts == REVERSAL]
         return not like or best.gain >= min(ALIKE_SHARE * max(like), ALIKE_LEFT * left)
+
+    def _apart(self, best: Candidate, weak: list[Candidate]) -> bool:
+        """Return whether a cause brings its share beside the better ones that may be another form of an earlier cause.
+
+        What it shares with them may be that form as well.
+        """
+        better = [one for one in weak if one.gain > best.gain]
+        if best.by_evidence or not better:
+            return True
+        both = (self.fits(one.model, best.name, best.term.params) for one in better)
+        least = (LATER_SHARE * float(one.model.loss.sum()) for one in better)
+        return all(c is not None and c.gain > share for c, share in zip(both, least, strict=True))
 
     def _left(self, model: Model) -> float:
         """Return the held-out error power above the noise floor, summed, N^2."""

@@ -171,19 +171,8 @@ class FrictionalLag(Effect):
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:
             film, out = film_of(f, r, params, s), np.empty(f.size)
-            beside = r.tables[FORCE] - r.tables[BOUNDARY] - r.tables[SHEAR]
-            on_film(
-                f.velocity_m_s,
-                film,
-                f.pressure_Pa,
-                r.sign_velocity_m_s,
-                r.tables[BOUNDARY] + rest * beside,
-                r.tables[SHEAR],
-                r.pressures_Pa,
-                r.bend_m_s,
-                r.reach,
-                out,
-            )
+            tables = r.tables[FORCE], r.tables[BOUNDARY], r.tables[SHEAR], r.pressures_Pa, r.bend_m_s, r.reach
+            on_film(f.velocity_m_s, film, f.pressure_Pa, r.sign_velocity_m_s, rest, *tables, out)
             return out
 
         return Columns(compute, state=DELAY_LINE, filtered=True)

@@ -222,18 +222,25 @@ def delayed_film_speed(step, velocity, delay, sign_velocity, state, out):  # typ
 
 
 @njit(cache=True)
-def on_film(velocity, film_speed, pressure, sign_velocity, boundary, shear, pressures, bend, reach, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def on_film(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    velocity, film_speed, pressure, sign_velocity, rest, force, boundary, shear, pressures, bend, reach, out
+):
     """S(v) (B(u)/S(u) - B(|v|)/S(|v|)) + v (H(u)/u - H(|v|)/|v|), u the speed that has built the film.
 
-    B and H are the boundary and the shear part of the friction: the film's thickness, which sets both, is that of u.
+    B and H are the boundary and the shear part of the theory: the film's thickness, which sets both, is that of u. Of
+    what the force has beside them, a share `rest` goes with B.
     """
     for k in range(velocity.size):
         film, p = film_speed[k], pressure[k]
         floor = max(abs(velocity[k]), LEAST_FILM * sign_velocity)
-        dry = lookup(boundary, pressures, bend, reach, film, p) / np.tanh(film / sign_velocity)
-        dry -= lookup(boundary, pressures, bend, reach, floor, p) / np.tanh(floor / sign_velocity)
-        wet = lookup(shear, pressures, bend, reach, film, p) / film
-        wet -= lookup(shear, pressures, bend, reach, floor, p) / floor
+        dry, wet = 0.0, 0.0
+        for sign, speed in ((1.0, film), (-1.0, floor)):
+            b = lookup(boundary, pressures, bend, reach, speed, p)
+            h = lookup(shear, pressures, bend, reach, speed, p)
+            if rest != 0.0:
+                b += rest * (lookup(force, pressures, bend, reach, speed, p) - b - h)
+            dry += sign * b / np.tanh(speed / sign_velocity)
+            wet += sign * h / speed
         out[k] = np.tanh(velocity[k] / sign_velocity) * dry + velocity[k] * wet
 
 

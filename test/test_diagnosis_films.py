@@ -1,0 +1,78 @@
+"""A film that lags: what follows it, in which form, and what must not be named in its place."""
+
+import numpy as np
+import pytest
+from diagnosis_records import names, record
+
+from friction_estimator.core.settings.config import Config
+from friction_estimator.diagnosis.base_problem import BaseProblem
+from friction_estimator.diagnosis.candidates import Candidates
+from friction_estimator.diagnosis.diagnose import diagnose
+from friction_estimator.diagnosis.joint import JointFit
+from friction_estimator.diagnosis.own_columns import Term
+from friction_estimator.diagnosis.record import build_record
+from friction_estimator.diagnosis.search import LATER_SHARE
+from friction_estimator.effects import EFFECTS, Effect
+from friction_estimator.rig.drive import segment
+
+SEAL = Config.from_mapping({"theory.kind": "seal"})
+
+TWO_PERIODS = (segment(1.0, 50.0, 16.0), segment(4.0, 50.0, 24.0))
+
+
+def chosen(*names: str) -> dict[str, type[Effect]]:
+    return {name: EFFECTS[name] for name in names}
+
+
+def candidates(plant: str, *effects: str) -> Candidates:
+    data = build_record([record(effects, plant=plant, segments=TWO_PERIODS)], SEAL)
+    context = data.context(SEAL, float(np.abs(data.friction_N).max()))
+    return Candidates(BaseProblem(data, SEAL), context, EFFECTS, 0)
+
+
+def test_what_the_theory_does_not_say_follows_the_film_where_it_does() -> None:
+    """The rig's film is rougher, and unlike by direction; on film_lag the mismatch is none of the film's."""
+    fits = {name: candidates(name) for name in ("rig", "film_lag")}
+    asymmetry = Term(EFFECTS["direction_asymmetry"], {"shape": 3.0})
+    lag = Term(EFFECTS["frictional_lag"], {"lag": 0.004, "rest": 0.0})
+    found = {}
+    for name, terms in (("rig", [asymmetry, lag]), ("film_lag", [lag])):
+        fit = JointFit(fits[name].problem, fits[name].context)
+        found[name] = fit(terms)
+        # Held at the velocity, it looks like a mass on the rig: 30 g and more.
+        mass = fit([*found[name].terms, Term(EFFECTS["inertia"], {})], found[name].base.coefficients).terms[-1]
+        assert abs(mass.weights[0]) < 0.015
+    assert found["rig"].terms[-1].params["rest"] > 0.7
+    assert found["rig"].terms[-1].params["lag"] == pytest.approx(0.002, rel=0.15)
+    assert found["film_lag"].terms[-1].params["rest"] < 0.3
+    assert found["film_lag"].terms[-1].params["lag"] == pytest.approx(0.006, rel=0.05)
+
+
+def test_a_film_that_is_late_by_a_delay_leaves_no_mass() -> None:
+    samples = record(["frictional_lag:lag=0.00375,form=1"], plant="parallel_memory")
+    found = diagnose([samples], Config(), catalogue=chosen("frictional_lag", "inertia", "time_delay", "sensor_lowpass"))
+    assert names(found) == ["frictional_lag"]
+    assert found.effects[0].parameters["lag"].value == pytest.approx(0.00375, abs=1e-4)
+    assert found.unexplained_percent < 3.0
+
+
+def test_a_lag_beside_bristles_is_measured_by_the_bristles_and_not_by_a_trait() -> None:
+    """Beside an asymmetry of a hundred times its power the lag was refused, and the mass that is like it was named."""
+    traits = ("direction_asymmetry", "pressure_dependence", "frictional_lag")
+    samples = record(["presliding:size=0.04,form=1,length=1.9e-5"], plant="rig")
+    found = diagnose([samples], Config(), catalogue=chosen(*traits, "presliding", "inertia"))
+    assert set(names(found)) == {*traits, "presliding"}
+
+
+@pytest.mark.parametrize("mass", [0.0, 0.5])
+def test_a_cause_that_a_later_one_makes_needless_is_dropped(mass: float) -> None:
+    fits = candidates("film_lag", *([f"inertia:mass={mass}"] if mass else []))
+    first = fits(fits.base(), "inertia", {})
+    assert first is not None
+    assert first.gain > LATER_SHARE * first.model.loss.sum()
+    both = fits(first.model, "frictional_lag", {"lag": 0.004, "rest": 0.0})
+    assert both is not None
+    needless = fits.superfluous(both.model, LATER_SHARE)
+    assert needless == (None if mass else 0)
+    if needless is not None:
+        assert [term.name for term in fits.without(both.model, needless).joint.terms] == ["frictional_lag"]
