@@ -134,17 +134,19 @@ class JointFit:
         term, time = terms[i], time_of(terms)
         if self._base.changed_by(term):
             return np.zeros((features.size, 0))
-        early = time is not None and before(term.effect, time.effect)
-        if early and time.effect.late_s(time.params) != 0.0:
+        if time is not None and not before(term.effect, time.effect):
+            time = None
+        if time is not None and time.effect.late_s(time.params) != 0.0:
             features = with_running_force(self._base.at(time, features), reference)
         made = columns_of(term.effect, term.params, features, reference)
-        if term.effect.follows_film() and (film := film_of(terms)) is not None:
+        film = film_of(terms) if term.effect.follows_film() else None
+        if film is not None:
             share, moved, factor = self._base.film(film, features, reference)
             if share > 0.0:
                 moved = with_running_force(moved, reference)
                 there = columns_of(term.effect, term.params, moved, reference)
                 made = made + share * (factor[:, None] * there - made)
-        return time.effect.smoothed(time.params, made, features) if early else made
+        return made if time is None else time.effect.smoothed(time.params, made, features)
 
     def _fitted(self, terms: Sequence[Term], columns: Sequence[Floats], start: Coefficients) -> Coefficients:
         """Fit base and coefficients for given columns."""
@@ -257,7 +259,8 @@ class JointFit:
         slopes = [self._slope(terms, i, name, columns[i], fit, features, reference) for i, name in places]
         # What changes nothing here (a share of nothing) has a slope of rounding only.
         shown = [float(np.std(s)) > LEAST_SLOPE * self._problem.scale for s in slopes]
-        places, slopes = ([one for one, so in zip(some, shown, strict=True) if so] for some in (places, slopes))
+        places = [place for place, so in zip(places, shown, strict=True) if so]
+        slopes = [slope for slope, so in zip(slopes, shown, strict=True) if so]
         if not places:
             return terms, columns, here
         parts = sum((c @ t.weights for c, t in zip(columns, terms, strict=True) if c.size), np.zeros(features.size))
