@@ -11,7 +11,7 @@ from friction_estimator.diagnosis.base_problem import BaseProblem, Coefficients
 from friction_estimator.diagnosis.evidence import Evidence
 from friction_estimator.diagnosis.lagged import Extra
 from friction_estimator.diagnosis.library import columns_of, with_running_force
-from friction_estimator.diagnosis.own_columns import OwnColumns, Term, before, film_of, time_of
+from friction_estimator.diagnosis.own_columns import OnFilm, OwnColumns, Term, before, film_of, time_of
 from friction_estimator.diagnosis.products import inner
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.seek import best_time, over_bends, over_jumps
@@ -87,6 +87,7 @@ class JointFit:
         self._used = self._record.used if rows is None else self._record.used & rows[self._record.block]
         self._base = OwnColumns(problem, context)
         self._scans: JointFit | None = None
+        self._film: tuple[Features, dict[str, float], OnFilm | None] | None = None
 
     def __call__(
         self, terms: Sequence[Term] = (), start: Coefficients | None = None, rounds: int = ROUNDS, search: bool = True
@@ -139,14 +140,21 @@ class JointFit:
         if time is not None and time.effect.late_s(time.params) != 0.0:
             features = with_running_force(self._base.at(time, features), reference)
         made = columns_of(term.effect, term.params, features, reference)
-        film = film_of(terms) if term.effect.follows_film() else None
+        lag = film_of(terms) if term.effect.follows_film() else None
+        film = None if lag is None else self._on_film(lag, features, reference)
         if film is not None:
-            share, moved, factor = self._base.film(film, features, reference)
-            if share > 0.0:
-                moved = with_running_force(moved, reference)
-                there = columns_of(term.effect, term.params, moved, reference)
-                made = made + share * (factor[:, None] * there - made)
+            there = columns_of(term.effect, term.params, film.features, reference)
+            made = made + film.share * (film.factor[:, None] * there - made)
         return made if time is None else time.effect.smoothed(time.params, made, features)
+
+    def _on_film(self, lag: Term, features: Features, reference: Reference) -> OnFilm | None:
+        """Return what follows a film that lags, with the running force there; the last one made is kept."""
+        if self._film is None or self._film[0] is not features or self._film[1] != lag.params:
+            film = self._base.film(lag, features, reference)
+            if film is not None:
+                film = replace(film, features=with_running_force(film.features, reference))
+            self._film = features, lag.params, film
+        return self._film[2]
 
     def _fitted(self, terms: Sequence[Term], columns: Sequence[Floats], start: Coefficients) -> Coefficients:
         """Fit base and coefficients for given columns."""

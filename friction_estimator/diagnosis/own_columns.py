@@ -51,6 +51,21 @@ def film_of(terms: Sequence[Term]) -> Term | None:
     return next((t for t in terms if t.effect.in_theory), None)
 
 
+@dataclass(frozen=True)
+class OnFilm:
+    """What follows a film that lags.
+
+    Attributes
+    ----------
+    share : of a column that does. features : at the film's speed, in the direction of now.
+    factor : (n,), S(v) / S(u): what sets the force's sign, the velocity of now, does not lag.
+    """
+
+    share: float
+    features: Features
+    factor: Floats
+
+
 class OwnColumns:
     """The base's problem with its own columns changed by some terms.
 
@@ -110,28 +125,23 @@ class OwnColumns:
             if term.effect.delays:
                 continue
             features = here if time is None else self.at(time, here)
-            column = columns_of(term.effect, term.params, features, self._theory)
-            share, moved, factor = self.film(term, features, self._theory)
-            change = np.zeros(static.shape)
-            if share > 0.0:
-                tables = problem.tables
-                there = tables.at(moved.velocity_m_s, moved.pressure_Pa)
-                change = share * (factor[:, None] * there - tables.at(features.velocity_m_s, features.pressure_Pa))
-            change[:, :1] = column
+            change = column = columns_of(term.effect, term.params, features, self._theory)
+            if (film := self.film(term, features, self._theory)) is not None:
+                at_film, at_now = (problem.tables.at(f.velocity_m_s, f.pressure_Pa) for f in (film.features, features))
+                change = film.share * (film.factor[:, None] * at_film - at_now)
+                change[:, :1] = column
             if time is not None:
                 change = time.effect.smoothed(time.params, change, features)
-            static = static + change
+            static = static.copy()
+            static[:, : change.shape[1]] += change
         return static
 
-    def film(self, term: Term, features: Features, reference: Reference) -> tuple[float, Features, Floats]:
-        """Return what makes of a column that of a film that lags.
-
-        Returns
-        -------
-        share : of the column that follows the film. moved : the features at the film's speed.
-        factor : (n,), S(v) / S(u): what sets the force's sign, the present velocity, does not lag.
-        """
-        share, speed = term.effect.film(term.params, features, reference)
+    def film(self, term: Term, features: Features, reference: Reference) -> "OnFilm | None":
+        """Return what a film that lags makes of what is not the theory's, or None where it makes nothing of it."""
+        made = term.effect.film(term.params, features, reference)
+        if made is None:
+            return None
+        share, speed = made
         v = features.velocity_m_s
         moved = replace(features, velocity_m_s=np.sign(v) * speed)
-        return share, moved, np.abs(reference.smooth_sign(v)) / reference.smooth_sign(speed)
+        return OnFilm(share, moved, np.abs(reference.smooth_sign(v)) / reference.smooth_sign(speed))

@@ -242,8 +242,11 @@ class Effect:
         return columns
 
     @classmethod
-    def film(cls, params: Params, features: Features, reference: Reference) -> tuple[float, Floats]:
-        """Return the share of what is not the theory's that follows the film, and the film's speed, (n,), m/s."""
+    def film(cls, params: Params, features: Features, reference: Reference) -> tuple[float, Floats] | None:
+        """Return the share of what is not the theory's that follows the film, and the film's speed, (n,), m/s.
+
+        None where the theory alone follows it.
+        """
         raise NotImplementedError
 
     @classmethod

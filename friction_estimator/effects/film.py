@@ -183,9 +183,10 @@ class FrictionalLag(Effect):
         return [dict(params) | {"delayed": 1.0}]
 
     @classmethod
-    def film(cls, params: Params, features: Features, reference: Reference) -> tuple[float, Floats]:
+    def film(cls, params: Params, features: Features, reference: Reference) -> tuple[float, Floats] | None:
         """Return the share of what the theory does not say that follows the film, and the film's speed, (n,), m/s."""
-        return params.get("rest", 0.0), film_of(features, reference, params, np.zeros(DELAY_LINE))
+        rest = params.get("rest", 0.0)
+        return (rest, film_of(features, reference, params, np.zeros(DELAY_LINE))) if rest > 0.0 else None
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
