@@ -1,7 +1,7 @@
 """Load terms on simulated joints: are they within their intervals, what is said where the drive separates nothing, and
 what does not knowing them cost the friction?
 
-    python benchmarks/load/run.py [--seeds 20] [--first-seed 0] [--part others | 'plain gear']
+    python benchmarks/load/run.py [--seeds 20] [--first-seed 0] [--part others | 'plain gear' | moves]
 
 Each seed draws the load, the amplitude, the period, the noise, and an encoder of 4096 counts a turn for the position.
 The plants of `simulate` stand beside friction of other forms that nothing was chosen on.
@@ -24,10 +24,11 @@ from friction_estimator.core.model.load import LoadTerms
 from friction_estimator.core.model.structure import Parameters
 from friction_estimator.core.online.first_contact import chosen
 from friction_estimator.core.online.replay import replay
-from friction_estimator.core.sample import Floats, Samples, in_sequence
+from friction_estimator.core.sample import Floats, Ints, Samples, in_sequence
 from friction_estimator.core.settings.config import Config
 from friction_estimator.rig.drive import Segment, run_drive
-from friction_estimator.rig.profiles import Geometry
+from friction_estimator.rig.profiles import PROFILES, Geometry
+from friction_estimator.rig.profiles import Motion as Cycle
 
 COUNTS = 4096
 SECONDS = 24.0
@@ -74,6 +75,31 @@ def table(v: Floats, load: Floats, step_s: Floats) -> Floats:  # noqa: ARG001
     return np.where(v > 0.0, out, -back)
 
 
+MOVES = (
+    (0.02, 1.0, 0.005, 0.2, 0.01),
+    (0.30, 0.6, 0.02, 0.08, 0.005),
+    (0.5, -0.8, 0.01, 0.2, 0.01),
+    (0.73, -0.4, 0.005, 0.225, 0.02),
+)
+"""Start, speed, and the shares of the cycle that starting, cruising and stopping take: ramps of 20 to 125 ms."""
+
+
+@PROFILES.named("moves")
+def moves(phase: Floats, cycle: Ints, geometry: Geometry) -> Cycle:  # noqa: ARG001
+    """From point to point with trapezoids of velocity: what most machines do. Two corners may lie in one window."""
+    knots, speeds = [0.0], [0.0]
+    for start, speed, up, cruise, down in MOVES:
+        knots += [start, start + up, start + up + cruise, start + up + cruise + down]
+        speeds += [0.0, speed, speed, 0.0]
+    at, rate = np.append(knots, 1.0), np.append(speeds, 0.0)
+    travelled = np.append(0.0, np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(at)))
+    piece = np.clip(np.searchsorted(at, phase, side="right") - 1, 0, at.size - 2)
+    since, slope = phase - at[piece], (np.diff(rate) / np.diff(at))[piece]
+    position = travelled[piece] + (rate[piece] + 0.5 * slope * since) * since
+    scale = 2.0 * geometry.eccentric_m / travelled.max()
+    return Cycle(scale * position - geometry.eccentric_m, scale * (rate[piece] + slope * since), scale * slope)
+
+
 PLAIN_GEAR = "geared joint, its load_dependence not named"
 
 FRICTIONS: dict[str, Friction] = {
@@ -90,6 +116,7 @@ DRIVES = {
     "triangle": (("triangle", 2.5),),
     "two cranks": (("crank", 5.0), ("crank", 1.2)),
     "speed steps": (("speed_steps", 8.0),),
+    "moves": (("moves", 5.0),),
     "one sine": (("sine", 2.0),),
     "tiny stroke": (("multisine", 2.0),),
 }
@@ -233,10 +260,12 @@ def cases(part: str, seeds: range) -> Iterator[tuple[str, str, float, int]]:
     """Yield plant, drive, rate and seed of a part: the joints of `simulate`, or other forms and drives (few seeds)."""
     joints = [(plant, drive) for plant in tuple(FRICTIONS)[:2] for drive in MAIN]
     others = [(plant, drive) for plant in tuple(FRICTIONS)[:4] for drive in DRIVES if (plant, drive) not in joints]
-    wanted = {"joints": joints, "plain gear": [(PLAIN_GEAR, drive) for drive in MAIN[:2]]}.get(
-        part, [*others, ("pendulum", "free swing")]
-    )
-    few = seeds if part == "joints" else seeds[: max(1, len(seeds) // 5)]
+    wanted = {
+        "joints": joints,
+        "plain gear": [(PLAIN_GEAR, drive) for drive in MAIN[:2]],
+        "moves": [(plant, "moves") for plant in tuple(FRICTIONS)[:2]],
+    }.get(part, [*others, ("pendulum", "free swing")])
+    few = seeds if part in ("joints", "moves") else seeds[: max(1, len(seeds) // 5)]
     for seed in few:
         for plant, drive in wanted:
             yield plant, drive, (200.0, 500.0, 1000.0)[seed % 3], seed
@@ -247,7 +276,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--part", choices=("joints", "others", "plain gear"), default="joints")
+    parser.add_argument("--part", choices=("joints", "others", "plain gear", "moves"), default="joints")
     args = parser.parse_args()
     seeds = range(args.first_seed, args.first_seed + args.seeds)
     rows: dict[tuple[str, str, str], list[tuple[int, int, int, float]]] = defaultdict(list)

@@ -10,6 +10,16 @@ on the one side.
 White velocity noise s at a step dt becomes 8.7 s sqrt(dt) / (2 half_width)^1.5 of the acceleration's unit over many
 samples: a width in seconds, since noise in a column shrinks its coefficient, and more so the higher the rate. How
 noisy an acceleration is, the errors of its own cubic say: `acceleration_variance` goes with it.
+
+Where the acceleration jumps (a triangle, a trapezoid of velocity) a cubic over both sides rounds it. There two lines
+that meet at a corner are fitted (two-phase regression: Hinkley, J. Am. Stat. Assoc. 66 (1971) 736), one pair for each
+step at which they may, and the derivative is the mean over cubic and pairs, each with its weight of evidence
+
+    exp(-AICc / 2),   AICc = n log(E / n) + 2 k + 2 k (k + 1) / (n - k - 1)
+
+(E the sum of squared errors over the n samples of the window, k parameters; Hurvich and Tsai 1989, Burnham and Anderson
+2002): the mean of what the acceleration may be, and not the likeliest, does not shrink a coefficient
+(docs/decisions/0134-corners-of-the-velocity.md).
 """
 
 from dataclasses import replace
@@ -22,70 +32,204 @@ from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Ints, Sample
 DEGREE = 3
 """Of the polynomial: the acceleration's own curvature is followed."""
 
+RIVALS = (5, 7)
+"""Degrees that a corner has to stand up to as well. Their slopes are not taken: a smooth motion that is too fast for
+the cubic, or noise that is not white, is then no corner, and stays what the cubic makes of it."""
 
 LEAST = 2
 """Samples on either side that a window has at least, where the rate is low."""
 
+CORNER_ODDS = 0.01
+"""That the acceleration jumps within a window, before its samples were seen."""
+
+NEGLIGIBLE = 1e-3
+"""Weight of all corners together beside the cubic below which nothing is averaged."""
+
+ROUNDING = 1e-13
+"""Of the samples' own power: what errors are told apart down to."""
+
+
+@njit(cache=True)
+def _window(stamp_ns, restart, width_ns, i):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return the first and the last sample of the window about sample i, which ends at restarts."""
+    low = high = i
+    while low > 0 and not restart[low] and (i - low < LEAST or stamp_ns[i] - stamp_ns[low - 1] <= width_ns):
+        low -= 1
+    last = stamp_ns.size - 1
+    while high < last and not restart[high + 1] and (high - i < LEAST or stamp_ns[high + 1] - stamp_ns[i] <= width_ns):
+        high += 1
+    return low, high
+
+
+@njit(cache=True)
+def _polynomials(time, value, count, degree, now, before, told):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Fill told[d], (3,), for least-squares polynomials of degree d up to `degree`: slope at 0, spread, errors left.
+
+    With orthogonal polynomials p_j over the window of n samples
+
+        p_(j+1) = (t - a_j) p_j - b_j p_(j-1),   v'(0) = sum_j <v, p_j> / <p_j, p_j> p_j'(0)
+        var v'(0) = s^2 spread,   spread = sum_j p_j'(0)^2 / <p_j, p_j>,   E = <v, v> - sum_j <v, p_j>^2 / <p_j, p_j>
+    """
+    for j in range(count):
+        now[j] = 1.0
+        before[j] = 0.0
+    value_now, value_before = 1.0, 0.0  # p_j and p_j' at the sample itself
+    slope_now, slope_before = 0.0, 0.0
+    power_before = 1.0
+    slope, spread, left = 0.0, 0.0, 0.0
+    for j in range(count):
+        left += value[j] ** 2
+    for d in range(degree + 1):
+        power, moment, fit = 0.0, 0.0, 0.0
+        for j in range(count):
+            power += now[j] * now[j]
+            moment += time[j] * now[j] * now[j]
+            fit += now[j] * value[j]
+        slope += fit / power * slope_now
+        spread += slope_now * slope_now / power
+        left -= fit * fit / power
+        told[d, 0], told[d, 1], told[d, 2] = slope, spread, max(left, 0.0)
+        a = moment / power
+        b = power / power_before if d > 0 else 0.0
+        for j in range(count):
+            now[j], before[j] = (time[j] - a) * now[j] - b * before[j], now[j]
+        slope_now, slope_before = value_now - a * slope_now - b * slope_before, slope_now
+        value_now, value_before = -a * value_now - b * value_before, value_now
+        power_before = power
+
+
+@njit(cache=True)
+def _corners(time, value, count, here, most, told):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Fill told[k], (3,), for a corner in each step: slope at sample `here`, spread, errors left. Return how many.
+
+    Those that leave errors of more than `most` are not told.
+
+    On either side of the step stands the line that fits the samples there best. Where the two do not meet within the
+    step, they are those that fit best among the lines that meet at its nearer end: with the gap d between the free
+    lines there, of variance s^2 D, the errors are d^2 / D more, and the slopes change by -cov(slope, d) d / (s^2 D).
+    Velocity does not jump: without this an encoder's stairs would be corners.
+    """
+    n = t = tt = v = tv = vv = 0.0  # of the samples before the corner
+    all_t = all_tt = all_v = all_tv = all_vv = 0.0
+    for j in range(count):
+        all_t += time[j]
+        all_tt += time[j] * time[j]
+        all_v += value[j]
+        all_tv += time[j] * value[j]
+        all_vv += value[j] * value[j]
+    found = 0
+    for j in range(count - 2):
+        n += 1.0
+        t += time[j]
+        tt += time[j] * time[j]
+        v += value[j]
+        tv += time[j] * value[j]
+        vv += value[j] * value[j]
+        if j == 0:
+            continue
+        after, after_t, after_v = count - n, all_t - t, all_v - v
+        power = tt - t * t / n
+        after_power = all_tt - tt - after_t * after_t / after
+        slope = (tv - t * v / n) / power
+        after_slope = (all_tv - tv - after_t * after_v / after) / after_power
+        left = vv - v * v / n - slope * slope * power
+        left += all_vv - vv - after_v * after_v / after - after_slope * after_slope * after_power
+        if left > most:
+            continue
+        spread, after_spread = 1.0 / power, 1.0 / after_power
+        # The gap between the lines at time c is gap + bend c.
+        bend = after_slope - slope
+        gap = (after_v - after_slope * after_t) / after - (v - slope * t) / n
+        if not min(-bend * time[j], -bend * time[j + 1]) <= gap <= max(-bend * time[j], -bend * time[j + 1]):
+            ends = gap + bend * time[j], gap + bend * time[j + 1]
+            corner = time[j] if abs(ends[0]) < abs(ends[1]) else time[j + 1]
+            arm, after_arm = corner - t / n, corner - after_t / after
+            apart = gap + bend * corner
+            loose = 1.0 / n + arm * arm * spread + 1.0 / after + after_arm * after_arm * after_spread
+            left += apart * apart / loose
+            if left > most:
+                continue
+            slope += arm * spread * apart / loose
+            after_slope -= after_arm * after_spread * apart / loose
+            spread -= (arm * spread) ** 2 / loose
+            after_spread -= (after_arm * after_spread) ** 2 / loose
+        is_before = here <= j
+        told[found, 0] = slope if is_before else after_slope
+        told[found, 1] = spread if is_before else after_spread
+        told[found, 2] = max(left, 0.0)
+        found += 1
+    return found
+
+
+@njit(cache=True)
+def _evidence(left, count, coefficients):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return -AICc / 2 but for a constant; the variance of the noise counts as a parameter."""
+    k = coefficients + 1.0
+    return -0.5 * count * np.log(left) - k - k * (k + 1.0) / (count - k - 1.0)
+
 
 @njit(cache=True)
 def slopes(stamp_ns, velocity, restart, width_ns, first, stop, out, variance):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Fill out[k] for samples first + k below `stop` with the derivative of the local cubic, m/s^2, and its variance.
+    """Fill out[k] for samples first + k below `stop` with the derivative of the velocity, m/s^2, and its variance.
 
-    Windows end at restarts and at the ends of the arrays. With orthogonal polynomials p_j over the window of n samples,
-
-        p_(j+1) = (t - a_j) p_j - b_j p_(j-1),   v'(0) = sum_j <v, p_j> / <p_j, p_j> p_j'(0)
-        var v'(0) = s^2 sum_j p_j'(0)^2 / <p_j, p_j>,   s^2 = (<v, v> - sum_j <v, p_j>^2 / <p_j, p_j>) / (n - 4)
-
-    for velocity noise that is white; 0 where no sample is left over to tell it.
+    Windows end at restarts and at the ends of the arrays. The variance is that of white velocity noise of the power of
+    the errors, E / (n - 4); 0 where no sample is left over to tell it.
     """
     size = velocity.size
-    time, now, before = np.empty(size), np.empty(size), np.empty(size)
+    time, value, now, before = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
+    smooth, corners = np.empty((RIVALS[-1] + 1, 3)), np.empty((size, 3))
     for i in range(first, stop):
-        low = i
-        while low > 0 and not restart[low] and (i - low < LEAST or stamp_ns[i] - stamp_ns[low - 1] <= width_ns):
-            low -= 1
-        high = i
-        while (
-            high < size - 1
-            and not restart[high + 1]
-            and (high - i < LEAST or stamp_ns[high + 1] - stamp_ns[i] <= width_ns)
-        ):
-            high += 1
+        low, high = _window(stamp_ns, restart, width_ns, i)
         count = high - low + 1
         span = (stamp_ns[high] - stamp_ns[low]) / NS_PER_S
         if count < 2 or not span > 0.0:
             out[i - first] = variance[i - first] = 0.0
             continue
+        power = 0.0
         for j in range(count):
             time[j] = (stamp_ns[low + j] - stamp_ns[i]) / NS_PER_S / span
-            now[j] = 1.0
-            before[j] = 0.0
-        value_now, value_before = 1.0, 0.0  # p_j and p_j' at the sample itself
-        slope_now, slope_before = 0.0, 0.0
-        power_before = 1.0
-        total, left, spread = 0.0, 0.0, 0.0
-        for j in range(count):
-            left += (velocity[low + j] - velocity[i]) ** 2
-        degrees = min(DEGREE, count - 1) + 1
-        for degree in range(degrees):
-            power, moment, fit = 0.0, 0.0, 0.0
-            for j in range(count):
-                power += now[j] * now[j]
-                moment += time[j] * now[j] * now[j]
-                fit += now[j] * (velocity[low + j] - velocity[i])
-            total += fit / power * slope_now
-            spread += slope_now * slope_now / power
-            left -= fit * fit / power
-            a = moment / power
-            b = power / power_before if degree > 0 else 0.0
-            for j in range(count):
-                now[j], before[j] = (time[j] - a) * now[j] - b * before[j], now[j]
-            slope_now, slope_before = value_now - a * slope_now - b * slope_before, slope_now
-            value_now, value_before = -a * value_now - b * value_before, value_now
-            power_before = power
-        out[i - first] = total / span
-        free = count - degrees
-        variance[i - first] = max(left, 0.0) / free * spread / (span * span) if free > 0 else 0.0
+            value[j] = velocity[low + j] - velocity[i]
+            power += value[j] * value[j]
+        degree = min(DEGREE, count - 1)
+        _polynomials(time, value, count, degree, now, before, smooth)
+        slope, spread, left = smooth[degree]
+        free = count - degree - 1
+        noise = left / free * spread if free > 0 else 0.0
+        # Two lines have as many coefficients as the cubic; AICc is finite where three samples are left over.
+        if free >= DEGREE and power > 0.0:
+            floor = ROUNDING * power
+            # Beyond this all corners together weigh less than `NEGLIGIBLE` beside the cubic.
+            most = (left + floor) * (CORNER_ODDS / NEGLIGIBLE) ** (2.0 / count)
+            found = _corners(time, value, count, i - low, most, corners)
+            if found > 0:
+                slope, noise = _averaged(
+                    time, value, count, now, before, smooth, corners[:found], floor, slope, noise, free
+                )
+        out[i - first] = slope / span
+        variance[i - first] = noise / (span * span)
+
+
+@njit(cache=True)
+def _averaged(time, value, count, now, before, smooth, corners, floor, slope, noise, free):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return slope and variance as means over the cubic's and the corners', by their evidence."""
+    most = min(RIVALS[-1], count - 4)  # the highest degree whose AICc is finite
+    _polynomials(time, value, count, most, now, before, smooth)
+    prior = np.log(CORNER_ODDS / count)
+    best = prior + _evidence(np.min(corners[:, 2]) + floor, count, DEGREE + 1)
+    for degree in (DEGREE, *RIVALS):
+        if degree <= most:
+            best = max(best, _evidence(smooth[degree, 2] + floor, count, degree + 1))
+    total = 0.0
+    for degree in (DEGREE, *RIVALS):
+        if degree <= most:
+            total += np.exp(_evidence(smooth[degree, 2] + floor, count, degree + 1) - best)
+    slope, noise = total * slope, total * noise
+    for k in range(corners.shape[0]):
+        weight = np.exp(prior + _evidence(corners[k, 2] + floor, count, DEGREE + 1) - best)
+        total += weight
+        slope += weight * corners[k, 0]
+        noise += weight * corners[k, 2] / free * corners[k, 1]
+    return slope / total, noise / total
 
 
 class AccelerationFilter:
