@@ -22,8 +22,8 @@ def samples_of(t, v):
     return Samples(np.round(t * 1e9).astype(np.int64), v, np.zeros(t.size), np.arange(t.size) == 0)
 
 
-def filtered(samples, sizes=None):
-    given, parts, at = AccelerationFilter(HALF_WIDTH), [], 0
+def filtered(samples, sizes=None, corners=True):
+    given, parts, at = AccelerationFilter(HALF_WIDTH, corners), [], 0
     for size in sizes or [len(samples)]:
         parts.append(given.push(samples[at : at + size]))
         at += size
@@ -87,6 +87,14 @@ def test_what_is_no_corner_stays_with_the_cubic(rate, kind):
     assert rms(change) < 0.35 * rms((plain - a)[inside])
 
 
+def test_without_being_asked_for_corners_are_the_cubics():
+    t = np.arange(400) / 1000.0
+    v = np.abs(t - 0.2)
+    rounded, inside = cubic(t, v)
+    found = filtered(samples_of(t, v), corners=False).acceleration_m_s2
+    np.testing.assert_allclose(found[inside], rounded[inside], atol=1e-9)
+
+
 def test_a_corner_without_noise_is_exact():
     t = np.arange(400) / 500.0
     v = np.where(t < 0.3511, 2.0 * t, 2.0 * 0.3511 - 5.0 * (t - 0.3511))
@@ -148,6 +156,7 @@ GIVEN = Config.from_mapping(
         "theory.kind": "none",
         "input.motion": "rotary",
         "load.terms": ["inertia", "gravity"],
+        "load.corners": True,
     }
 )
 

@@ -1,7 +1,7 @@
 """Load terms on simulated joints: are they within their intervals, what is said where the drive separates nothing, and
 what does not knowing them cost the friction?
 
-    python benchmarks/load/run.py [--seeds 20] [--first-seed 0] [--part others | 'plain gear' | moves]
+    python benchmarks/load/run.py [--seeds 20] [--first-seed 0] [--part others | 'plain gear' | moves] [--set load.corners=true]
 
 Each seed draws the load, the amplitude, the period, the noise, and an encoder of 4096 counts a turn for the position.
 The plants of `simulate` stand beside friction of other forms that nothing was chosen on.
@@ -12,8 +12,10 @@ import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import yaml
 
 from friction_estimator.core.fit.batch import fit_batch, predict
 from friction_estimator.core.fit.load_report import LearnedLoad
@@ -220,10 +222,10 @@ def released(plant: str, rate_hz: float, seed: int) -> Record:
     )
 
 
-def config_of(terms: list[str]) -> Config:
-    """Return the configuration of a run."""
+def config_of(terms: list[str], given: dict[str, Any]) -> Config:
+    """Return the configuration of a run; `given` are settings of the command line."""
     settings = {"model.type": "hammerstein", "theory.kind": "none", "input.motion": "rotary"}
-    return Config.from_mapping({**settings, "load.terms": terms})
+    return Config.from_mapping({**settings, **given, "load.terms": terms})
 
 
 @dataclass(frozen=True)
@@ -234,9 +236,9 @@ class Learned:
     friction_error: float
 
 
-def learned(rec: Record, terms: list[str]) -> dict[str, Learned]:
+def learned(rec: Record, terms: list[str], given: dict[str, Any]) -> dict[str, Learned]:
     """Return what the batch fit and rls make of a record: the loads, and the error of friction without learning."""
-    config = config_of(terms)
+    config = config_of(terms, given)
     samples = rec.admitted(config)
     met = chosen(config, samples)
     still = standstill(samples, met.velocity_scale)
@@ -277,13 +279,15 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--part", choices=("joints", "others", "plain gear", "moves"), default="joints")
+    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="a setting; may be repeated")
     args = parser.parse_args()
+    given = {name: yaml.safe_load(value) for name, _, value in (text.partition("=") for text in args.set)}
     seeds = range(args.first_seed, args.first_seed + args.seeds)
     rows: dict[tuple[str, str, str], list[tuple[int, int, int, float]]] = defaultdict(list)
     for plant, drive, rate, seed in cases(args.part, seeds):
         rec = released(plant, rate, seed) if drive == "free swing" else record(plant, drive, rate, seed)
-        unknown = learned(rec, rec.unknown)
-        known = learned(rec, rec.known) if rec.known else unknown
+        unknown = learned(rec, rec.unknown, given)
+        known = learned(rec, rec.known, given) if rec.known else unknown
         for way, run in unknown.items():
             told = [load for load in run.loads if load.ci95 is not None]
             inside = [load.ci95[0] <= rec.truth[load.term] <= load.ci95[1] for load in told if load.ci95 is not None]

@@ -11,9 +11,9 @@ White velocity noise s at a step dt becomes 8.7 s sqrt(dt) / (2 half_width)^1.5 
 samples: a width in seconds, since noise in a column shrinks its coefficient, and more so the higher the rate. How
 noisy an acceleration is, the errors of its own cubic say: `acceleration_variance` goes with it.
 
-Where the acceleration jumps (a triangle, a trapezoid of velocity) a cubic over both sides rounds it. There two lines
-that meet at a corner are fitted (two-phase regression: Hinkley, J. Am. Stat. Assoc. 66 (1971) 736), one pair for each
-step at which they may, and the derivative is the mean over cubic and pairs, each with its weight of evidence
+Where the acceleration jumps (a triangle, a trapezoid of velocity) a cubic over both sides rounds it. On request two
+lines that meet at a corner are fitted beside it (two-phase regression: Hinkley, J. Am. Stat. Assoc. 66 (1971) 736), one
+pair for each step at which they may, and the derivative is the mean over cubic and pairs, each with its weight of evidence
 
     exp(-AICc / 2),   AICc = n log(E / n) + 2 k + 2 k (k + 1) / (n - k - 1)
 
@@ -169,15 +169,15 @@ def _evidence(left, count, coefficients):  # type: ignore[no-untyped-def] # prag
 
 
 @njit(cache=True)
-def slopes(stamp_ns, velocity, restart, width_ns, first, stop, out, variance):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def slopes(stamp_ns, velocity, restart, width_ns, corners, first, stop, out, variance):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Fill out[k] for samples first + k below `stop` with the derivative of the velocity, m/s^2, and its variance.
 
-    Windows end at restarts and at the ends of the arrays. The variance is that of white velocity noise of the power of
-    the errors, E / (n - 4); 0 where no sample is left over to tell it.
+    Windows end at restarts and at the ends of the arrays. `corners` says whether the acceleration may jump. The variance
+    is that of white velocity noise of the power of the errors, E / (n - 4); 0 where no sample is left over to tell it.
     """
     size = velocity.size
     time, value, now, before = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
-    smooth, corners = np.empty((RIVALS[-1] + 1, 3)), np.empty((size, 3))
+    smooth, pairs = np.empty((RIVALS[-1] + 1, 3)), np.empty((size, 3))
     for i in range(first, stop):
         low, high = _window(stamp_ns, restart, width_ns, i)
         count = high - low + 1
@@ -196,14 +196,14 @@ def slopes(stamp_ns, velocity, restart, width_ns, first, stop, out, variance):  
         free = count - degree - 1
         noise = left / free * spread if free > 0 else 0.0
         # Two lines have as many coefficients as the cubic; AICc is finite where three samples are left over.
-        if free >= DEGREE and power > 0.0:
+        if corners and free >= DEGREE and power > 0.0:
             floor = ROUNDING * power
             # Beyond this all corners together weigh less than `NEGLIGIBLE` beside the cubic.
             most = (left + floor) * (CORNER_ODDS / NEGLIGIBLE) ** (2.0 / count)
-            found = _corners(time, value, count, i - low, most, corners)
+            found = _corners(time, value, count, i - low, most, pairs)
             if found > 0:
                 slope, noise = _averaged(
-                    time, value, count, now, before, smooth, corners[:found], floor, slope, noise, free
+                    time, value, count, now, before, smooth, pairs[:found], floor, slope, noise, free
                 )
         out[i - first] = slope / span
         variance[i - first] = noise / (span * span)
@@ -238,6 +238,7 @@ class AccelerationFilter:
     Parameters
     ----------
     half_width_s : time on either side, s.
+    corners : whether the acceleration may jump.
 
     Examples
     --------
@@ -248,8 +249,8 @@ class AccelerationFilter:
     (35, True)
     """
 
-    def __init__(self, half_width_s: float) -> None:
-        self._width_ns = round(half_width_s * NS_PER_S)
+    def __init__(self, half_width_s: float, corners: bool = False) -> None:
+        self._width_ns, self._corners = round(half_width_s * NS_PER_S), corners
         self._kept: list[Samples] = []
         self._past = 0
 
@@ -277,7 +278,8 @@ class AccelerationFilter:
 
     def _take(self, whole: Samples, done: int) -> Samples:
         out, variance = np.empty(done - self._past), np.empty(done - self._past)
-        slopes(whole.stamp_ns, whole.velocity_m_s, whole.restart, self._width_ns, self._past, done, out, variance)
+        given = whole.stamp_ns, whole.velocity_m_s, whole.restart, self._width_ns, self._corners
+        slopes(*given, self._past, done, out, variance)
         ready = replace(whole[self._past : done], acceleration_m_s2=out, acceleration_variance=variance)
         next_ = min(done, len(whole) - 1)
         near = np.flatnonzero(np.abs(whole.stamp_ns - whole.stamp_ns[next_ : next_ + 1]) <= self._width_ns)

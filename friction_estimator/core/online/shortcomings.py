@@ -225,6 +225,7 @@ def _motion(samples: Samples, top_m_s: float) -> SampleMotion:
         samples.velocity_m_s,
         samples.restart,
         HALF_WIDTH_NS,
+        False,
         0,
         len(samples),
         acceleration,
