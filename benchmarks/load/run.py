@@ -1,7 +1,8 @@
 """Load terms on simulated joints: are they within their intervals, what is said where the drive separates nothing, and
 what does not knowing them cost the friction?
 
-    python benchmarks/load/run.py [--seeds 20] [--first-seed 0] [--part others | 'plain gear' | moves] [--set load.corners=true]
+    python benchmarks/load/run.py [--seeds 20] [--first-seed 0] [--part others | 'plain gear' | moves]
+    python benchmarks/load/run.py --set load.corners=true
 
 Each seed draws the load, the amplitude, the period, the noise, and an encoder of 4096 counts a turn for the position.
 The plants of `simulate` stand beside friction of other forms that nothing was chosen on.

@@ -13,7 +13,8 @@ noisy an acceleration is, the errors of its own cubic say: `acceleration_varianc
 
 Where the acceleration jumps (a triangle, a trapezoid of velocity) a cubic over both sides rounds it. On request two
 lines that meet at a corner are fitted beside it (two-phase regression: Hinkley, J. Am. Stat. Assoc. 66 (1971) 736), one
-pair for each step at which they may, and the derivative is the mean over cubic and pairs, each with its weight of evidence
+pair for each step at which they may, and the derivative is the mean over cubic and pairs, each with its weight of
+evidence
 
     exp(-AICc / 2),   AICc = n log(E / n) + 2 k + 2 k (k + 1) / (n - k - 1)
 
@@ -172,8 +173,9 @@ def _evidence(left, count, coefficients):  # type: ignore[no-untyped-def] # prag
 def slopes(stamp_ns, velocity, restart, width_ns, corners, first, stop, out, variance):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Fill out[k] for samples first + k below `stop` with the derivative of the velocity, m/s^2, and its variance.
 
-    Windows end at restarts and at the ends of the arrays. `corners` says whether the acceleration may jump. The variance
-    is that of white velocity noise of the power of the errors, E / (n - 4); 0 where no sample is left over to tell it.
+    Windows end at restarts and at the ends of the arrays. `corners` says whether the acceleration may jump. The
+    variance is that of white velocity noise of the power of the errors, E / (n - 4); 0 where no sample is left over to
+    tell it.
     """
     size = velocity.size
     time, value, now, before = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
