@@ -97,7 +97,7 @@ def test_a_theory_of_another_machine_and_velocities_never_learned_are_told(repla
     assert "theory.kind none" in advice[0].text
     half = replace(replayed.curve, velocity_m_s=0.3 * replayed.curve.velocity_m_s)
     light, _ = judged(replace(replayed, curve=half))
-    assert "Data support only 31 %" in light.reason
+    assert "Data support only 33 %" in light.reason
 
 
 def test_one_direction_is_said_to_hide_a_bias(replayed):
