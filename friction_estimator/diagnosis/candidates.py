@@ -41,6 +41,13 @@ class Model:
     loss: Floats
 
 
+def gain_parts(fewer: Model, more: Model) -> tuple[float, float]:
+    """Return the held-out decrease of the error power by further terms, and what the memory's prior saves, N^2 each."""
+    before, after = fewer.joint.base.coefficients, more.joint.base.coefficients
+    saved = after.variance * (before.memory_energy - after.memory_energy)
+    return float((fewer.loss - more.loss).sum()), saved
+
+
 @dataclass(frozen=True)
 class Candidate:
     """An effect fitted jointly with the model that it is added to.
@@ -157,12 +164,11 @@ class Candidates:
 
     def _candidate(self, model: Model, joint: Joint) -> Candidate | None:
         """Return the last term of a fit as a candidate beside the model, or None where it cannot be."""
-        here, term = model.joint.base.coefficients, joint.terms[-1]
+        term = joint.terms[-1]
         if not signs_kept(joint) or term.effect.spans(term.params, term.weights, self.context) is not None:
             return None
-        after, now = self._judged(joint), joint.base.coefficients
-        saved = now.variance * (here.memory_energy - now.memory_energy)
-        one = Candidate(term.name, term.effect, after, float((model.loss - after.loss).sum()), saved)
+        after = self._judged(joint)
+        one = Candidate(term.name, term.effect, after, *gain_parts(model, after))
         return one if np.isfinite(one.gain) else None
 
     def _judged(self, joint: Joint) -> Model:
@@ -189,19 +195,17 @@ class Candidates:
         """
         return self._known_sign(one.model, -1)
 
-    def superfluous(self, model: Model, share: float) -> int | None:
-        """Return the place of a term before the last one that the last one has made needless, or None.
+    def superfluous(self, model: Model, share: float) -> tuple[int, Model] | None:
+        """Return the place of a term that the last one has made needless, and the model without it, or None.
 
         Its every size may be nothing beside the last one, and without it the model loses less than this share of its
         error power.
         """
         for i in range(len(model.joint.terms) - 1):
             if not self._known_sign(model, i):
-                lost = self.without(model, i)
-                saved = lost.joint.base.coefficients.memory_energy - model.joint.base.coefficients.memory_energy
-                more = float((lost.loss - model.loss).sum()) + model.joint.base.coefficients.variance * saved
-                if more < share * float(model.loss.sum()):
-                    return i
+                fewer = self.without(model, i)
+                if sum(gain_parts(fewer, model)) < share * float(model.loss.sum()):
+                    return i, fewer
         return None
 
     def without(self, model: Model, i: int) -> Model:

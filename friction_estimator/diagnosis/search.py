@@ -12,6 +12,7 @@ from friction_estimator.diagnosis.candidates import (
     Candidates,
     Model,
     equals,
+    gain_parts,
     plainest,
 )
 from friction_estimator.diagnosis.capacity import in_words, wider
@@ -189,8 +190,9 @@ class Searcher:
             refused.clear()
             weak.clear()
             while (needless := self.fits.superfluous(models[-1], LATER_SHARE)) is not None:
-                dropped.add(causes[needless].name)
-                causes, models = self._without(needless, causes, models)
+                place, last = needless
+                dropped.add(causes[place].name)
+                causes, models = self._without(place, last, causes, models)
         return Search(
             self.problem,
             tuple(causes),
@@ -202,17 +204,20 @@ class Searcher:
             view.screened,
         )
 
-    def _without(self, i: int, causes: list[Cause], models: list[Model]) -> tuple[list[Cause], list[Model]]:
-        """Return causes and models without a cause, each cause after it with its gain over the model before it."""
-        last = self.fits.without(models[-1], i)
+    def _without(
+        self, i: int, last: Model, causes: list[Cause], models: list[Model]
+    ) -> tuple[list[Cause], list[Model]]:
+        """Return causes and models without a cause, each cause after it with its gain over the model before it.
+
+        `last` is the last model without it.
+        """
         between, one = [last], last
         while len(one.joint.terms) > i + 1:
             one = self.fits.without(one, len(one.joint.terms) - 1)
             between.insert(0, one)
         models = [*models[: i + 1], *between]
         after = [
-            replace(cause, gain=float((models[k].loss - models[k + 1].loss).sum()))
-            for k, cause in enumerate(causes[i + 1 :], i)
+            replace(cause, gain=sum(gain_parts(models[k], models[k + 1]))) for k, cause in enumerate(causes[i + 1 :], i)
         ]
         return [*causes[:i], *after], models
 
@@ -247,7 +252,7 @@ class Searcher:
         """Return whether a cause brings enough beside the first one, or of what is left above the floor."""
         if not causes:
             return True
-        if best.gain < LATER_SHARE * float(model.loss.sum()) and not best.by_evidence:
+        if best.gain < _later_N2(model) and not best.by_evidence:
             return False
         left = self._left(model)
         if best.gain < SECOND_SHARE * causes[0].gain and best.gain < SECOND_LEFT * left:
@@ -263,9 +268,8 @@ class Searcher:
         better = [one for one in weak if one.gain > best.gain]
         if best.by_evidence or not better:
             return True
-        both = (self.fits(one.model, best.name, best.term.params) for one in better)
-        least = (LATER_SHARE * float(one.model.loss.sum()) for one in better)
-        return all(c is not None and c.gain > share for c, share in zip(both, least, strict=True))
+        beside = ((one, self.fits(one.model, best.name, best.term.params)) for one in better)
+        return all(both is not None and both.gain > _later_N2(one.model) for one, both in beside)
 
     def _left(self, model: Model) -> float:
         """Return the held-out error power above the noise floor, summed, N^2."""
@@ -368,3 +372,8 @@ class Searcher:
             recorded = [name for name, cls in self.catalogue.items() if cls.recorded]
             return [name for name in recorded if self.catalogue[name].channel in self.context.channels]
         return []
+
+
+def _later_N2(model: Model) -> float:
+    """Return the gain that a cause beside the others of this model must bring, N^2."""
+    return LATER_SHARE * float(model.loss.sum())

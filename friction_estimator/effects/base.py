@@ -198,8 +198,8 @@ class Effect:
 
     @classmethod
     def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
-        """Return the range about `value` in which a `refined` parameter is sought."""
-        return (value / 2.5, value * 2.5)
+        """Return the range about `value` in which a `refined` parameter is sought; of a share, from nothing to all."""
+        return (0.0, 1.0) if name in cls.shares else (value / 2.5, value * 2.5)
 
     @classmethod
     def variants(cls, params: Params) -> list[dict[str, float]]:  # noqa: ARG003

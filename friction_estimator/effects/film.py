@@ -157,11 +157,6 @@ class FrictionalLag(Effect):
         return beyond_time("lag", params["lag"], context)
 
     @classmethod
-    def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:
-        """A share lies between nothing and all."""
-        return (0.0, 1.0) if name in cls.shares else super().bracket(name, value, context)
-
-    @classmethod
     def columns(cls, params: Params) -> Columns:
         """Return what friction changes on the film of the lagged speed: the theory's boundary and shear part.
 

@@ -272,11 +272,6 @@ class WaveletBasis:
         return int(self._scale.size * self._table.shape[2])
 
     @property
-    def cells_of_coarsest(self) -> float:
-        """Cells from one scaling function to the next."""
-        return float(CELLS_PER_UNIT * 2.0 ** self.levels[-1])
-
-    @property
     def row_power(self) -> float:
         """Bound of the sum of squares of a row: values are linear between the rows of the table."""
         powers = np.sum(np.square(self._table), axis=2).max(axis=1)
