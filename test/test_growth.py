@@ -16,8 +16,8 @@ from friction_estimator.core.model.prior import Prior
 from friction_estimator.core.online import workspace
 from friction_estimator.core.online.adaptation import LAWS
 from friction_estimator.core.online.estimator import Estimator
-from friction_estimator.core.online.growth import LEAST_GROWTH, carried_over, grown_model
-from friction_estimator.core.online.kernels import GROW_AFTER
+from friction_estimator.core.online.growth import LEAST_GROWTH, Growth, carried_over, grown_model
+from friction_estimator.core.online.kernels import DECIDED_AFTER, GROW_AFTER
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import MARGIN
@@ -127,13 +127,57 @@ def test_growing_again_and_again_keeps_the_edge_value_and_small_weights(model_ty
     edge = model.static_map(work.theta, np.array([model.basis.reach[1]]))[0]
     largest = np.abs(work.theta).max()
     for factor in 2.5 ** np.arange(1, 9):
-        larger = grown_model(model, 0.005 * factor, None)
-        work = carried_over(work, model, larger, Prior.of(larger))
+        larger = grown_model(model, 0.005 * factor)
+        work = carried_over(work, Growth(model, larger, 0.005 * factor, covariance=True))
         model = larger
     velocity = np.geomspace(0.00525, model.basis.reach[1], 50)
     g = model.static_map(work.theta, velocity)
     assert np.abs(g - edge).max() < 0.05 * np.abs(edge) + 0.01 * model.unit_N
     assert np.abs(work.theta).max() < 3.0 * largest + 3.0
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_growth_made_ahead_in_pauses_is_the_same(law):
+    """Also where the samples beyond are not enough the first time, and others the second time."""
+    samples = faster()
+    at_once = estimator_for(samples, model__law=law)
+    in_pauses = Estimator(at_once.config)
+    slow = samples[: 4 * RATE]
+    fast = [beyond(GROW_AFTER - 3, 0.02), slow[-1:], beyond(GROW_AFTER, 0.03), beyond(GROW_AFTER, -0.03)]
+    at_once.run(slow)
+    in_pauses.run(slow)
+    pauses = 0
+    for stretch in fast:
+        at_once.run(stretch)
+        for k in range(len(stretch)):
+            in_pauses.run(stretch[k : k + 1])
+            if in_pauses.may_grow_soon:
+                in_pauses.prepare()
+                pauses += 1
+    assert at_once.health.grown == 2
+    assert pauses == (GROW_AFTER - 3 - DECIDED_AFTER + 1) + 2 * (GROW_AFTER - DECIDED_AFTER)
+    ours, theirs = in_pauses.state(), at_once.state()
+    assert ours["chosen"] == theirs["chosen"]
+    for name, array in theirs["arrays"].items():
+        np.testing.assert_array_equal(ours["arrays"][name], array, err_msg=name)
+
+
+def test_what_takes_long_is_made_before_the_range_grows(monkeypatch):
+    estimator = estimator_for(faster())
+    estimator.run(faster()[: 4 * RATE])
+    for _ in range(GROW_AFTER - 1):
+        estimator.run(beyond(1, 0.02))
+        if estimator.may_grow_soon:
+            estimator.prepare()
+
+    def late(*_: object, **__: object) -> None:
+        raise AssertionError("made when it was needed")
+
+    for name in ("grown_model", "Prior.of", "prior_arrays", "cho_factor", "_matrix"):
+        monkeypatch.setattr(f"friction_estimator.core.online.growth.{name}", late)
+    assert estimator.health.grown == 0
+    estimator.run(beyond(1, 0.02))
+    assert estimator.health.grown == 1
 
 
 def test_unit_and_companding_stay_and_the_range_takes_its_margin():

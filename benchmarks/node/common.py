@@ -96,15 +96,20 @@ class Load:
         cpu = process.cpu_s() - cpu
         found = [(*force(raw), arrived) for raw, arrived in self._heard]
         place = {stamp: k for k, stamp in enumerate(stamps.tolist())}
-        trips = [arrived - sent[place[stamp]] for stamp, _, arrived in found if stamp in place]
+        trips = np.full(count, np.nan)
+        for stamp, _, arrived in found:
+            if (k := place.get(stamp)) is not None:
+                trips[k] = 1e-3 * (arrived - sent[k])
+        heard = trips[np.isfinite(trips)] if found else np.array([np.nan])
         return {
             "sent": count,
             "received": len(found),
             "in_order": [stamp for stamp, *_ in found] == sorted(stamp for stamp, *_ in found),
             "cpu_us": cpu / count * 1e6,
-            "p50_us": float(np.median(trips)) / 1e3 if trips else float("nan"),
-            "p99_us": float(np.percentile(trips, 99)) / 1e3 if trips else float("nan"),
-            "max_us": max(trips) / 1e3 if trips else float("nan"),
+            "p50_us": float(np.median(heard)),
+            "p99_us": float(np.percentile(heard, 99)),
+            "max_us": float(heard.max()),
+            "trip_us": trips,
             "took_s": took,
             "stamps": stamps,
             "velocity": velocity,

@@ -1,12 +1,14 @@
 """Round trips at 1 kHz: the node with and without everything periodic, beside a typed echo node, in one run.
 
-python latency.py [--rounds 8] [--round-seconds 6] [--rate 1000] [--before COMMIT]
+python latency.py [--rounds 8] [--round-seconds 6] [--rate 1000] [--pairs periodic|refits] [--before COMMIT]
 
 "Everything periodic": a save every second, listeners of diagnostics, curve and parameters, and a parameter that is set
 every second. "Refits": a drive that runs up by a tenth a second, so that the range of the curve has to grow, and the
 curve to be fitted anew over a larger one, about once a second. One node process a round is measured without and
 with each, in turns that swap their order from round to round, so that what else the machine does meets both alike: the
-factor is the median of these pairs. With --before the node of that commit is measured in the same way: what has changed
+factor is the median of these pairs. A refit takes milliseconds of a second, and a restless machine's p99 differs more
+than that from round to round; so the rounds with refits are also compared with themselves, all of their pairs with
+those that are not near a refit. With --before the node of that commit is measured in the same way, for what has changed
 since then.
 """
 
@@ -24,6 +26,9 @@ from typing import Any
 import numpy as np
 from common import HERE, Load, rows, write_section
 from ros_graph import RELIABLE, UNITS, Graph, Process, graph, motion
+
+from friction_estimator.core.online.estimator import Estimator
+from friction_estimator.core.settings.config import Config
 
 KEYS = ("cpu_us", "p50_us", "p99_us", "max_us")
 
@@ -50,6 +55,9 @@ nothing for 0.15 to 0.5 s in three of ten rounds, whatever the node does."""
 FASTER = 1.1
 """Factor on the speed from second to second under refits."""
 
+NEAR = slice(-20, 80)
+"""Pairs about a refit, from the first one beyond the range, that what a refit takes may have made late."""
+
 
 def start(made: Graph, before: Path | None, own_range: bool) -> Process:
     """Start the node, quiet: `periodic` sets going what it can do beside samples."""
@@ -69,6 +77,26 @@ def faster_and_faster(count: int, rate_hz: float) -> tuple[Any, Any, Any]:
     stamps, velocity, _ = motion(count, rate_hz)
     velocity = 1.8 * velocity * FASTER ** np.floor(np.arange(count) / rate_hz)
     return stamps, velocity, 4.0 * np.tanh(velocity / 0.004) + 12.0 * velocity
+
+
+def near_refits(velocity: np.ndarray, friction: np.ndarray, reach: float | None) -> np.ndarray:
+    """Return which pairs are near a refit; the estimator of this process grows at the same samples as the node's.
+
+    Parameters
+    ----------
+    reach : of the node, afterwards; None for one of another commit, which may have grown some samples sooner or later.
+    """
+    estimator = Estimator(Config.from_mapping(OWN_RANGE))
+    near = np.zeros(velocity.size, np.bool_)
+    grown = 0
+    for k, (v, f) in enumerate(zip(velocity.tolist(), friction.tolist(), strict=True)):
+        estimator.step(stamp_ns=1 + k, velocity_m_s=v, friction_N=f)
+        if estimator.health.grown > grown:
+            grown = estimator.health.grown
+            near[max(0, k + NEAR.start) : k + NEAR.stop] = True
+    if reach not in (None, estimator.model.basis.reach[1]):
+        raise RuntimeError(f"the node's range ends at {reach} m/s, that of the same samples here elsewhere")
+    return near
 
 
 @contextmanager
@@ -108,9 +136,25 @@ def measured(
         with periodic(made) if kind == "periodic" else nullcontext():
             found[kind] = load.run(process, args.rate, args.round_seconds, offset, drive)
         if kind == "refits":
-            found[kind]["reach"] = made.call_get("/friction_estimator", "learned.velocity_range")[1]
+            one = found[kind]
+            one["reach"] = made.call_get("/friction_estimator", "learned.velocity_range")[1]
+            one["near"] = near_refits(one["velocity"], one["friction"], None if before else one["reach"])
     process.stop()
     return found
+
+
+def beside_themselves(found: list[dict]) -> str:
+    """Return what refits cost by the pairs of the rounds with refits alone."""
+    trips = np.concatenate([figures["trip_us"] for figures in found])
+    near = np.concatenate([figures["near"] for figures in found])[np.isfinite(trips)]
+    trips = trips[np.isfinite(trips)]
+    p99, rest, close = (float(np.percentile(part, 99)) for part in (trips, trips[~near], trips[near]))
+    late = 100.0 * float(np.mean(trips[near] > rest))
+    return (
+        f"Of the {trips.size} pairs with refits {near.sum()} are near one; p99 of all {p99:.0f} us, of those that are "
+        f"not {rest:.0f} us, {p99 / rest:.2f} times; of those that are {close:.0f} us, {late:.1f} % of them above the "
+        "p99 of the others."
+    )
 
 
 def main() -> None:
@@ -118,11 +162,14 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=8)
     parser.add_argument("--round-seconds", type=float, default=6.0)
     parser.add_argument("--rate", type=float, default=1000.0)
+    parser.add_argument("--pairs", choices=PAIRS, nargs="+", default=list(PAIRS))
     parser.add_argument("--before")
     args = parser.parse_args()
+    chosen = {with_it: PAIRS[with_it] for with_it in args.pairs}
+    kinds_run = [kind for kind in WORDS if kind in (*chosen, *chosen.values())]
     nodes = {"node": None} | ({f"node of {args.before}": checked_out(args.before)} if args.before else {})
     echo: list[dict] = []
-    runs: dict[str, dict[str, list[dict]]] = {name: {kind: [] for kind in WORDS} for name in nodes}
+    runs: dict[str, dict[str, list[dict]]] = {name: {kind: [] for kind in kinds_run} for name in nodes}
     with graph(Path(tempfile.mkdtemp())) as made:
         load = Load(made)
         for turn in range(args.rounds):
@@ -131,7 +178,7 @@ def main() -> None:
             echo.append(load.run(process, args.rate, args.round_seconds))
             process.stop()
             for name, before in nodes.items():
-                for with_it, without in PAIRS.items():
+                for with_it, without in chosen.items():
                     for kind, figures in measured(made, load, args, before, turn, (without, with_it)).items():
                         runs[name][kind].append(figures)
 
@@ -155,8 +202,8 @@ def main() -> None:
     ]
     lines, notes = [line("echo, typed", echo)], []
     for name, kinds in runs.items():
-        lines += [line(f"{name}{words}", kinds[kind]) for kind, words in WORDS.items()]
-        for with_it, without in PAIRS.items():
+        lines += [line(f"{name}{WORDS[kind]}", kinds[kind]) for kind in kinds_run]
+        for with_it, without in chosen.items():
             pairs = list(zip(kinds[with_it], kinds[without], strict=True))
             factors = {key: sorted(one[key] / other[key] for one, other in pairs) for key in KEYS[1:]}
             told = ", ".join(
@@ -164,11 +211,12 @@ def main() -> None:
                 for key, f in factors.items()
             )
             notes.append(f"Cost of {with_it} to the {name}, median and range of {args.rounds} pairs: {told}.")
-        reach = statistics.median(figures["reach"] for figures in kinds["refits"])
-        notes.append(f"Refits took the range from 0.15 to {reach:.2f} m/s.")
+        if "refits" in kinds:
+            reach = statistics.median(figures["reach"] for figures in kinds["refits"])
+            notes.append(f"Refits took the range from 0.15 to {reach:.2f} m/s. {beside_themselves(kinds['refits'])}")
     if args.before:
-        former = runs[f"node of {args.before}"]["quiet"]
-        ratio = {key: middle(runs["node"]["quiet"], key) / middle(former, key) for key in KEYS}
+        former, calm = runs[f"node of {args.before}"], chosen[args.pairs[0]]
+        ratio = {key: middle(runs["node"][calm], key) / middle(former[calm], key) for key in KEYS}
         notes.append(
             f"The node against that of {args.before}: CPU {ratio['cpu_us']:.2f}, p50 {ratio['p50_us']:.2f}, "
             f"p99 {ratio['p99_us']:.2f}."

@@ -210,7 +210,6 @@ class SampleStream:
             begin = time.perf_counter_ns()
             try:
                 self._hand_on(step.run(count, learn=self.learn))
-                step.settle()
             finally:
                 self.lost += self.intake.admitted - admitted - (self.predictions - predictions)
                 self._look()
@@ -221,6 +220,9 @@ class SampleStream:
                     self.sample_s = min(1e-9 * (now - begin), LONGEST_PIECE_S)  # one at a time, to begin with
                     self._breathless = True
                     self.on_backlog()
+            if not step.settled:  # its sample is published, those that come meanwhile wait
+                with self._load.other_work():
+                    step.settle()
         else:
             self._wait(step, count)
 

@@ -14,7 +14,7 @@ from friction_estimator.core.model.prior import Prior
 from friction_estimator.core.model.structure import CHUNK, LEARNED, Extension, Model, Parameters
 from friction_estimator.core.online import kernels, recovery, state_check, workspace
 from friction_estimator.core.online.adaptation import LAWS, constants
-from friction_estimator.core.online.growth import carried_over, cold_start, grown_model
+from friction_estimator.core.online.growth import Growth, carried_over, cold_start, grown_model
 from friction_estimator.core.online.larger_unit import in_larger_units, units_too_small
 from friction_estimator.core.online.workspace import Workspace
 from friction_estimator.core.sample import Bools, Floats, Samples
@@ -117,6 +117,7 @@ class Estimator:
         self.model = Model(config, extension)
         self.law = LAWS[config.model.law]
         self._prior = Prior.of(self.model)
+        self._growth: Growth | None = None
         self.work = self._cold()
 
     def _cold(self) -> Workspace:
@@ -164,6 +165,34 @@ class Estimator:
                 done += taken
         return predicted
 
+    @property
+    def may_grow_soon(self) -> bool:
+        """Whether samples in a row beyond an edge have said how far the range has to reach if more of them follow."""
+        status = self.work.status
+        return abs(status.item(workspace.BEYOND)) >= kernels.DECIDED_AFTER and status.item(workspace.MAY_GROW) == 1
+
+    def prepare(self) -> None:
+        """Make a part of the growth that may come, a millisecond's work at most with a hundred parameters.
+
+        For pauses between samples; the results are those without any of these calls.
+        """
+        under_way = self._growth
+        growth = self._next_growth()
+        if growth is not None and growth is under_way:
+            growth.prepare()
+
+    def _next_growth(self) -> Growth | None:
+        """Return the growth that the velocities in a row beyond an edge ask for, or None: too large a basis."""
+        nearest, farthest = (float(self.work.moments[i]) for i in (workspace.NEAREST, workspace.FARTHEST))
+        # All of them lie beyond the edge; one that stands far out among them is a wild value.
+        velocity = farthest if abs(farthest) <= ALONE_ABOVE * abs(nearest) else nearest
+        growth = self._growth
+        if growth is None or growth.before is not self.model or growth.velocity_m_s != velocity:
+            after = grown_model(self.model, velocity)
+            growth = Growth(self.model, after, velocity, self.law.keeps_covariance) if after else None
+            self._growth = growth
+        return growth
+
     def grow(self) -> bool:
         """Let the range reach the velocities that came in a row beyond its edge; too large a basis stays as it is.
 
@@ -173,15 +202,12 @@ class Estimator:
         """
         status = self.work.status
         status[workspace.BEYOND] = 0
-        nearest, farthest = (float(self.work.moments[i]) for i in (workspace.NEAREST, workspace.FARTHEST))
-        # All of them lie beyond the edge; one that stands far out among them is a wild value.
-        velocity = farthest if abs(farthest) <= ALONE_ABOVE * abs(nearest) else nearest
-        model = grown_model(self.model, velocity, self.model.extension)
-        if model is None:
+        growth, self._growth = self._next_growth(), None
+        if growth is None:
             status[workspace.MAY_GROW] = 0
             return False
-        prior = Prior.of(model)
-        self.work = carried_over(self.work, self.model, model, prior)
+        model, prior = growth.after, growth.prior
+        self.work = carried_over(self.work, growth)
         self.work.status[workspace.GROWN] += 1
         rise = 1.0 if self.config.force_unit > 0.0 else units_too_small(self.work)
         if rise > 1.0:

@@ -1,7 +1,8 @@
 """The range grows with the speeds that come: functions are appended, curve and band stay what they were."""
 
 from dataclasses import replace
-from typing import Any
+from functools import cached_property
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.intake import standstill
 from friction_estimator.core.model.basis import WaveletBasis
 from friction_estimator.core.model.prior import Prior
-from friction_estimator.core.model.structure import Extension, Model
+from friction_estimator.core.model.structure import Model
 from friction_estimator.core.online import recovery
 from friction_estimator.core.online import workspace as at
 from friction_estimator.core.online.workspace import Workspace
@@ -37,30 +38,62 @@ WITHIN_DEVIATION, BEYOND_DEVIATION = 1e-4, 0.03
 """Force units by which g may miss what it was, and its edge's value beyond, against prior deviations of weights."""
 
 
-def grown_model(model: Model, velocity_m_s: float, extension: Extension | None) -> Model | None:
+def grown_model(model: Model, velocity_m_s: float) -> Model | None:
     """Return the model whose range holds `velocity_m_s` with its margin, or None where it would grow too large."""
     low, high = model.basis.reach
     most = LARGEST_GROWTH * max(abs(low), abs(high))
-    edge = high if velocity_m_s > 0.0 else low
-    further = max(MARGIN * abs(velocity_m_s), LEAST_GROWTH * edge * np.sign(velocity_m_s))
-    reached = float(min(further, most) * np.sign(velocity_m_s))
+    sign, edge = (1.0, high) if velocity_m_s > 0.0 else (-1.0, -low)
+    reached = sign * min(max(MARGIN * abs(velocity_m_s), LEAST_GROWTH * edge), most)
     low, high = min(low, reached), max(high, reached)
     try:
-        return Model(model.config.updated({"learned.velocity_range": (low, high)}), extension)
+        return Model(model.config.updated({"learned.velocity_range": (low, high)}), model.extension)
     except ConfigError:
         return None
 
 
-def carried_over(work: Workspace, before: Model, after: Model, prior: Prior) -> Workspace:
+class Growth:
+    """A range on its way to be larger: what of it no further sample changes can be made ahead, a part at a time.
+
+    Parameters
+    ----------
+    before, after : the model and the larger one.
+    velocity_m_s : that asked for it.
+    covariance : whether the law keeps one.
+    """
+
+    def __init__(self, before: Model, after: Model, velocity_m_s: float, covariance: bool) -> None:
+        self.before, self.after, self.velocity_m_s = before, after, velocity_m_s
+        self._covariance = covariance
+        self._left = ["prior", "constants", "fit", "fit.columns", "fit.factor", "fit.former"]
+
+    def prepare(self) -> None:
+        """Make the next part, half a millisecond of work with a hundred parameters. What is left is made where used."""
+        if self._left:
+            attrgetter(self._left.pop(0))(self)
+
+    @cached_property
+    def prior(self) -> Prior:
+        """The prior of `after`."""
+        return Prior.of(self.after)
+
+    @cached_property
+    def constants(self) -> dict[str, Floats]:
+        """What the law takes from it."""
+        return prior_arrays(self.prior) if self._covariance else {}
+
+    @cached_property
+    def fit(self) -> "_CurveFit":
+        """What carries curves over."""
+        return _CurveFit(self.before, self.after)
+
+
+def carried_over(work: Workspace, growth: Growth) -> Workspace:
     """Return the work space of `after`, with what `before` had learned.
 
     The curve over the former range is what it was, and level beyond. Functions that reach into the former range keep
     their covariance, the appended ones have the prior's.
-
-    Parameters
-    ----------
-    prior : of `after`.
     """
+    before, after, prior = growth.before, growth.after, growth.prior
     taps, old = int(before.shape[0]), int(before.shape[1])
     new = int(after.shape[1])
     place = after.basis.places_of(before.basis)
@@ -74,7 +107,7 @@ def carried_over(work: Workspace, before: Model, after: Model, prior: Prior) -> 
     thetas = np.stack([work.theta, *(model.theta for model in models)])
     larger_thetas = np.zeros((len(thetas), after.size))
     larger_thetas[:, kept] = thetas
-    larger_thetas[:, taps : taps + new] = _held_at_edges(before, after, thetas[:, taps : taps + old])
+    larger_thetas[:, taps : taps + new] = growth.fit.weights(thetas[:, taps : taps + old])
 
     def larger_errors(errors: Floats) -> Floats:
         larger = np.zeros((after.basis.cell_count, 3))
@@ -104,7 +137,6 @@ def carried_over(work: Workspace, before: Model, after: Model, prior: Prior) -> 
 
     ring = np.zeros((taps, new))
     ring[:, place] = work.ring
-    constants: dict[str, Any] = prior_arrays(prior) if work.root.size else {}
     return replace(
         work,
         shape=after.shape.copy(),
@@ -117,7 +149,7 @@ def carried_over(work: Workspace, before: Model, after: Model, prior: Prior) -> 
         kept=np.stack([larger_row(*each) for each in zip(models, larger_thetas[1:], strict=True)]),
         kept_root=larger_roots(work.kept_root) if work.root.size else work.kept_root,
         trial=np.zeros((recovery.bins(after), 3)),
-        **constants,
+        **growth.constants,
     )
 
 
@@ -130,38 +162,59 @@ def prior_arrays(prior: Prior) -> dict[str, Floats]:
     }
 
 
-def _held_at_edges(before: Model, after: Model, weights: Floats) -> Floats:
-    """Return weights of `after`, (n, size), from those of `before`, (n, former size): g is what it was, flat beyond.
+class _CurveFit:
+    """Weights of a larger model whose g is what it was, and flat beyond.
 
     A least-squares fit over velocity to the curve as it was, held at its edges beyond, against the prior's deviations
     from the weights as they were; those at the edges, of which the samples said little, move too. The fit reaches as
     far beyond the new edges as any function does: one that knew only a part of a function would give it a wild weight.
     """
-    basis = after.basis
-    assert isinstance(basis, WaveletBasis)
-    wide = basis.widened()
-    velocity = wide.cell_velocities(POINTS_A_CELL)
-    inner = np.flatnonzero(basis.inside(velocity))
-    above, apart_above = _thinning(velocity.size - 1 - inner[-1])
-    below, apart_below = _thinning(inner[0])
-    velocity = velocity[np.concatenate([inner[0] - below, inner, inner[-1] + above])]
-    index, value = wide.rows(velocity)
-    held, at_edge = before.basis.rows(velocity)  # rows are held at the edge outside
-    importance = np.sqrt(np.concatenate([apart_below, np.ones(inner.size), apart_above]))
-    importance /= np.where(before.basis.inside(velocity), WITHIN_DEVIATION, BEYOND_DEVIATION)
-    scale = after.config.prior.weight_deviation * wide.prior_scale(after.config.prior.weight_slope)
-    # Beyond the new edges the curve is flat: there the scaling functions, whose span holds a constant, are enough.
-    theirs = wide.places_of(basis)
-    fitted = np.union1d(theirs, np.flatnonzero(wide.is_scaling))
-    columns = _matrix(index, importance[:, None] * value * scale[index], wide.size)[:, fitted]
-    curves = _matrix(held, importance[:, None] * at_edge, before.basis.size) @ weights.T
-    larger = np.zeros((wide.size, len(weights)))
-    larger[wide.places_of(before.basis)] = weights.T
-    missing = columns.T @ (curves - columns @ (larger / scale[:, None])[fitted])
-    normal = np.eye(fitted.size)
-    _add_products(columns.indptr, columns.indices, columns.data, normal)
-    larger[fitted] += scale[fitted, None] * cho_solve(cho_factor(normal, lower=True, overwrite_a=True), missing)
-    return np.ascontiguousarray(larger[theirs].T)
+
+    def __init__(self, before: Model, after: Model) -> None:
+        basis = after.basis
+        assert isinstance(basis, WaveletBasis)
+        wide = self._wide = basis.widened()
+        velocity = wide.cell_velocities(POINTS_A_CELL)
+        inner = np.flatnonzero(basis.inside(velocity))
+        above, apart_above = _thinning(velocity.size - 1 - inner[-1])
+        below, apart_below = _thinning(inner[0])
+        velocity = velocity[np.concatenate([inner[0] - below, inner, inner[-1] + above])]
+        importance = np.sqrt(np.concatenate([apart_below, np.ones(inner.size), apart_above]))
+        importance /= np.where(before.basis.inside(velocity), WITHIN_DEVIATION, BEYOND_DEVIATION)
+        self._velocity, self._importance = velocity, importance
+        self._scale = after.config.prior.weight_deviation * wide.prior_scale(after.config.prior.weight_slope)
+        self._before, self._theirs = before.basis, wide.places_of(basis)
+        # Beyond the new edges the curve is flat: there the scaling functions, whose span holds a constant, are enough.
+        self._fitted = np.union1d(self._theirs, np.flatnonzero(wide.is_scaling))
+
+    @cached_property
+    def columns(self) -> csr_array:
+        """What the functions of `after` are at the points, in prior deviations of their weights."""
+        index, value = self._wide.rows(self._velocity)
+        return _matrix(index, self._importance[:, None] * value * self._scale[index], self._wide.size)[:, self._fitted]
+
+    @cached_property
+    def factor(self) -> tuple[Floats, bool]:
+        """Cholesky factor of the normal equations."""
+        normal = np.eye(self._fitted.size)
+        columns = self.columns
+        _add_products(columns.indptr, columns.indices, columns.data, normal)
+        return cho_factor(normal, lower=True, overwrite_a=True)
+
+    @cached_property
+    def former(self) -> csr_array:
+        """What the functions of `before` are at the points; rows are held at the edge outside."""
+        held, at_edge = self._before.rows(self._velocity)
+        return _matrix(held, self._importance[:, None] * at_edge, self._before.size)
+
+    def weights(self, weights: Floats) -> Floats:
+        """Return weights of the larger model, (n, size), from those of the former one, (n, former size)."""
+        larger = np.zeros((self._wide.size, len(weights)))
+        larger[self._wide.places_of(self._before)] = weights.T
+        start = (larger / self._scale[:, None])[self._fitted]
+        missing = self.columns.T @ (self.former @ weights.T - self.columns @ start)
+        larger[self._fitted] += self._scale[self._fitted, None] * cho_solve(self.factor, missing)
+        return np.ascontiguousarray(larger[self._theirs].T)
 
 
 def _thinning(count: int) -> tuple[Ints, Floats]:

@@ -51,8 +51,9 @@ KNOWN_LEVERAGE = 0.1
 MISFIT_MEMORY = 5000.0
 """Samples over which the power of known errors is averaged."""
 
-GROW_AFTER = 20
-"""Samples in a row beyond an edge of the range after which it grows: a wild velocity is alone."""
+GROW_AFTER, DECIDED_AFTER = 20, 12
+"""Samples in a row beyond an edge of the range after which it grows, and of these the first ones, which say how far: a
+wild velocity is alone. In the time of the others a live estimator gets ready (`growth.Growth`)."""
 
 
 @njit(cache=True)
@@ -66,10 +67,11 @@ def _beyond(moments, status, velocity, beyond, learn):  # type: ignore[no-untype
         status[at.BEYOND] = 0
         moments[at.NEAREST] = moments[at.FARTHEST] = velocity
     status[at.BEYOND] += side
-    if abs(velocity) < abs(moments[at.NEAREST]):
-        moments[at.NEAREST] = velocity
-    if abs(velocity) > abs(moments[at.FARTHEST]):
-        moments[at.FARTHEST] = velocity
+    if abs(status[at.BEYOND]) <= DECIDED_AFTER:
+        if abs(velocity) < abs(moments[at.NEAREST]):
+            moments[at.NEAREST] = velocity
+        if abs(velocity) > abs(moments[at.FARTHEST]):
+            moments[at.FARTHEST] = velocity
     return status[at.MAY_GROW] == 1 and abs(status[at.BEYOND]) >= GROW_AFTER
 
 

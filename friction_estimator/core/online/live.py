@@ -133,7 +133,7 @@ class LiveStep(Events):
         -------
         The predictions of the samples that were completed and admitted; none while the first contact lasts.
         """
-        self.settle()
+        self._grow()
         estimator = self.estimator
         if estimator is not None and (estimator.work is not self._work or estimator.config is not self._config):
             self._refresh(estimator)
@@ -157,11 +157,24 @@ class LiveStep(Events):
             self._fall_behind(samples)
         return self.work_off(most, learn=learn)
 
-    def settle(self) -> None:
-        """Let the range grow where the last sample asked for it: milliseconds that its prediction need not wait for.
+    @property
+    def settled(self) -> bool:
+        """Whether nothing is to be done in the pause behind the last sample."""
+        return self._grows is None and not (self.estimator and self.estimator.may_grow_soon)
 
-        The next `run` does it otherwise: the results are the same.
+    def settle(self) -> None:
+        """Use the pause behind the last sample: for a range that grows, or is about to (`Estimator.prepare`).
+
+        No prediction need wait for these milliseconds, and the results are those without this call: the next `run`
+        makes up for it.
         """
+        if self._grows is not None:
+            self._grow()
+        elif self.estimator is not None and self.estimator.may_grow_soon:
+            self.estimator.prepare()
+
+    def _grow(self) -> None:
+        """Let the range grow where the last sample asked for it."""
         estimator, self._grows = self._grows, None
         if estimator is not None:
             estimator.grow()
@@ -271,9 +284,8 @@ class LiveStep(Events):
     def _step(self, estimator: Estimator) -> Prediction:
         """Predict and learn from the one sample that was received."""
         self._grows = estimator if kernels.run(*self._arguments) else None
-        unit = self._unit
         velocity, friction, predicted, deviation = self._outcome.tolist()
-        return self._stamp.item(), velocity, friction, predicted * unit, deviation * unit
+        return self._stamp.item(), velocity, friction, predicted * self._unit, deviation * self._unit
 
     @staticmethod
     def _several(estimator: Estimator, samples: Samples, learn: bool) -> list[Prediction]:
