@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import cached_property
 from operator import attrgetter
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,7 +78,7 @@ class Growth:
         return Prior.of(self.after)
 
     @cached_property
-    def constants(self) -> dict[str, Floats]:
+    def constants(self) -> dict[str, Any]:
         """What the law takes from it."""
         return prior_arrays(self.prior) if self._covariance else {}
 
