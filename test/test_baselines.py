@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from friction_estimator.core.errors import UnanswerableError
 from friction_estimator.core.fit.baselines import BASELINES, LEAST_SAMPLES, StaticCurve, fit_baselines, scores
+from friction_estimator.core.fit.stribeck import found_stribeck
 
 SHAPE = {"width_m_s": 1e-3}
 BOTH = {"coulomb_N": 20.0, "viscous_N_s_m": 160.0, "offset_N": -3.0}
@@ -215,3 +216,15 @@ def test_emps_gives_its_published_parameters(shared_data):
     assert found["offset_N"] == pytest.approx(-3.17, abs=0.05)
     nrmse = scores(curves, table["v_m_s"], table["friction_N"])
     assert nrmse["coulomb_viscous_asymmetric"] < 0.85 * nrmse["coulomb_viscous"] < 0.06
+
+
+def test_samples_that_are_not_used_change_nothing():
+    velocity = drive(3000)
+    friction = measured(KNOWN["stribeck"], velocity, 0.1)
+    use = np.random.default_rng(3).random(velocity.size) < 0.6
+    spoiled_v, spoiled_f = velocity.copy(), friction.copy()
+    spoiled_v[~use], spoiled_f[~use] = 1e9, np.nan
+    assert fit_baselines(spoiled_v, spoiled_f, use=use) == fit_baselines(velocity[use], friction[use])
+    assert found_stribeck(spoiled_v, spoiled_f, use) == found_stribeck(velocity[use], friction[use])
+    with pytest.raises(UnanswerableError, match="there are 29"):
+        fit_baselines(velocity, friction, use=np.arange(velocity.size) < 29)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from friction_estimator.core import metrics, sums
-from friction_estimator.core.fit.baselines import TOP_SPEED, top_speed
+from friction_estimator.core.fit.points import TOP_SPEED, Points
 from friction_estimator.core.sample import NS_PER_S, Samples
 
 lengths = st.one_of(st.integers(1, 300), st.sampled_from([8191, 8192, 8193, 65_537, 131_075, 200_001]))
@@ -47,7 +47,7 @@ def test_figures_of_merit(n, seed):
     guessed = float(np.sqrt(np.mean(np.square(error / np.std(later))))) if np.std(later) > 0.0 else np.nan
     assert metrics.nrmse_persistence(measured, restart) == pytest.approx(guessed, abs=0.0, nan_ok=True)
     speeds = np.abs(measured)
-    assert top_speed(measured) == max(float(np.quantile(speeds, TOP_SPEED)), 1e-6 * speeds.max())
+    assert Points(measured, measured).top_speed == max(float(np.quantile(speeds, TOP_SPEED)), 1e-6 * speeds.max())
 
 
 @settings(max_examples=40, deadline=None, derandomize=True)

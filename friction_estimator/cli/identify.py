@@ -91,7 +91,10 @@ def _learned(n: int, freeze_after: float | None) -> Bools:
             f"freeze-after is {freeze_after:g}: give the fraction of the record to fit, above 0 to 1 "
             "(replay takes 0: it scores what --config has learned)"
         )
-    return np.arange(n) < (n if freeze_after is None else max(1, round(freeze_after * n)))
+    learned = np.ones(n, np.bool_)
+    if freeze_after is not None:
+        learned[max(1, round(freeze_after * n)) :] = False
+    return learned
 
 
 def _as_replay(session: Session, config: Config, fit: BatchFit, learned: Bools, seconds: float) -> Replay:

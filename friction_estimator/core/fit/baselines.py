@@ -18,23 +18,19 @@ All signs are free. Fv is negative on the falling branch of a Stribeck curve, dF
 slowly, and a negative Fc says that the sign of the data is wrong: clipping it at 0 would hide that and fit worse.
 """
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 from types import MappingProxyType
 
 import numpy as np
 
-from friction_estimator.core import sums
 from friction_estimator.core.errors import UnanswerableError
+from friction_estimator.core.fit.points import Bins, Points
 from friction_estimator.core.metrics import Prediction, nrmse
-from friction_estimator.core.sample import Floats
+from friction_estimator.core.sample import Bools, Floats
 
 LEAST_SAMPLES = 30
 """Fewer samples than this are not fitted: the richest curve has 8 parameters and a choice of exponent."""
-
-TOP_SPEED = 0.995
-"""Quantile of the speeds above zero that is the unit of speed: one wild sample does not move it."""
 
 NARROWEST, WIDEST = 1e-4, 0.5
 """Bounds of the width w, in units of the top speed: a sign at any sensor's resolution, to half of the range."""
@@ -47,15 +43,6 @@ GRID = 12
 
 REFINED = 3
 """Starts that are refined, the best of the grid: where few samples are slow, the valley may have another beside it."""
-
-BINS = 1500
-"""Bins of each direction, by logarithm of the speed from SLOWEST top speeds to the top speed: 1 % wide each."""
-
-SLOWEST = 1e-6
-"""Below this share of the top speed, a hundredth of the narrowest width, all samples share a bin and S is linear."""
-
-BLOCK = 65_536
-"""Samples that are turned into columns at once: memory grows with the record by a few copies only."""
 
 RIDGE_COULOMB, RIDGE_VISCOUS, RIDGE_STRIBECK, RIDGE_OFFSET = 1e-5, 1e-4, 3e-3, 1e-3
 """Ridge of each coefficient of unit columns, as the rms error that a coefficient of 1 is worth.
@@ -70,13 +57,6 @@ RIDGE_HALF_DIFFERENCE = 10.0
 
 RIDGE_NEVER = 1e3
 """Ridge of a coefficient that is not to be fitted."""
-
-LEAST_WAY = 0.01
-"""Share of the way that must be travelled in the lesser direction before the two are told apart.
-
-Below it the offset and the half differences stay 0 and the unseen direction is the other's mirror image: a constant
-fits one direction as well as Coulomb's law does and has the wrong sign in the other.
-"""
 
 NARROW = 6.0
 """Chi-square that the widest of widths must gain over the narrowest, log-linear between: else noise draws it wide."""
@@ -207,32 +187,8 @@ class StaticCurve:
         return lambda part: self.evaluate(velocity_m_s[part])
 
 
-@dataclass(frozen=True)
-class Bins:
-    """Samples gathered by velocity, in units of speed and force.
-
-    Attributes
-    ----------
-    x, y, share : (b,) mean velocity, mean friction and share of the samples.
-    scatter : mean square of friction about the mean of its bin, which no curve explains.
-    samples : number of samples n.
-    """
-
-    x: Floats
-    y: Floats
-    share: Floats
-    scatter: float
-    samples: int
-
-    @property
-    def both_ways(self) -> bool:
-        """Whether each direction has travelled `LEAST_WAY` of the way."""
-        way = self.share * self.x
-        return bool(min(way[way > 0].sum(), -way[way < 0].sum()) >= LEAST_WAY * np.abs(way).sum())
-
-
 def fit_baselines(
-    velocity_m_s: Floats, friction_N: Floats, names: Collection[str] = tuple(BASELINES)
+    velocity_m_s: Floats, friction_N: Floats, names: Collection[str] = tuple(BASELINES), use: Bools | None = None
 ) -> dict[str, StaticCurve]:
     """Fit each of `BASELINES`, or those of `names`, by least squares, deterministically.
 
@@ -252,6 +208,7 @@ def fit_baselines(
     velocity_m_s : (n,) velocity in m/s; any other unit of velocity will do, the answer scales with it.
     friction_N : (n,) friction in N with the sign of the velocity that it opposes; likewise of any unit.
     names : curves to fit, all of them unless given.
+    use : (n,), the samples to fit; all of them unless given.
 
     Raises
     ------
@@ -261,22 +218,21 @@ def fit_baselines(
     v, f = np.asarray(velocity_m_s, np.float64), np.asarray(friction_N, np.float64)
     if v.ndim != 1 or v.shape != f.shape:
         raise ValueError(f"velocity {v.shape} and friction {f.shape} must be of one shape (n,)")
-    ends = [end(values, initial=0.0) for values in (v, f) for end in (np.min, np.max)]  # NaN where any is
-    if not np.isfinite(ends).all():
+    points = Points(v, f, use)
+    if not points.finite:
         raise ValueError("velocity and friction must be finite")
-    if v.size < LEAST_SAMPLES:
-        raise UnanswerableError(f"a friction curve needs {LEAST_SAMPLES} samples at least, there are {v.size}")
-    speed = top_speed(v)
+    if points.size < LEAST_SAMPLES:
+        raise UnanswerableError(f"a friction curve needs {LEAST_SAMPLES} samples at least, there are {points.size}")
+    speed, force = points.top_speed, points.largest_force
     if not speed > 0.0:
         raise UnanswerableError("nothing moves: all velocities are 0, a friction curve cannot be fitted")
-    force = max(float(np.max(f)), -float(np.min(f))) or 1.0
-    bins = gathered(v, f, speed, force)
+    bins = points.gathered(speed, force)
     curves = {}
     for name in names:
         form = BASELINES[name]
         ridge = form.ridge(bins.both_ways)
         shape = best_shape(form, ridge, bins)
-        coefficients = on_all(form, shape, ridge, v, f, speed, force)
+        coefficients = on_all(form, shape, ridge, points, speed, force)
         curves[name] = StaticCurve(name, in_units(form, shape, coefficients, speed, force))
     return curves
 
@@ -284,43 +240,6 @@ def fit_baselines(
 def scores(curves: Mapping[str, StaticCurve], velocity_m_s: Floats, friction_N: Floats) -> dict[str, float]:
     """Return the nrmse of each curve on samples (n,) m/s, (n,) N, by name; NaN where friction is constant."""
     return {name: nrmse(friction_N, curve.evaluate(velocity_m_s)) for name, curve in curves.items()}
-
-
-def top_speed(velocity_m_s: Floats) -> float:
-    """Return the robust largest speed, m/s; 0 where nothing moves (or less than the smallest normal number).
-
-    No sample is faster than a million times of it, so that squares of their ratio stay finite.
-    """
-
-    def speeds() -> Iterator[Floats]:
-        for part in sums.parts(velocity_m_s.size):
-            piece = np.abs(velocity_m_s[part])
-            yield piece[piece > np.finfo(np.float64).tiny]
-
-    n = sum(piece.size for piece in speeds())
-    if not n:
-        return 0.0
-    largest = max(float(np.max(piece, initial=0.0)) for piece in speeds())
-    return max(sums.upper_quantile(speeds(), n, TOP_SPEED), 1e-6 * largest)
-
-
-def gathered(velocity: Floats, friction: Floats, speed: float = 1.0, force: float = 1.0) -> Bins:
-    """Return the samples (n,), over the units of speed and force, gathered into at most 2 `BINS` + 1 bins."""
-    per_bin = BINS / np.log(1.0 / SLOWEST)
-    n = velocity.size
-    count, sum_x, sum_y, power = *np.zeros((3, 2 * BINS + 1)), 0.0
-    for a, b in blocks(n):
-        x, y = velocity[a:b] / speed, friction[a:b] / force
-        rank = 1.0 + np.floor(per_bin * np.log(np.maximum(np.abs(x), 0.5 * SLOWEST) / SLOWEST))
-        place = BINS + (np.sign(x) * np.clip(rank, 0, BINS)).astype(np.int64)
-        count += np.bincount(place, None, 2 * BINS + 1)
-        sum_x += np.bincount(place, x, 2 * BINS + 1)
-        sum_y += np.bincount(place, y, 2 * BINS + 1)
-        power += float(y @ y)
-    some = count > 0
-    count, mean_x, mean_y = count[some], sum_x[some] / count[some], sum_y[some] / count[some]
-    scatter = max(power - float(count @ mean_y**2), 0.0) / n
-    return Bins(mean_x, mean_y, count / n, scatter, n)
 
 
 def best_shape(form: Form, ridge: Floats, bins: Bins) -> Shape:
@@ -357,20 +276,18 @@ def best_shape(form: Form, ridge: Floats, bins: Bins) -> Shape:
     return Shape.at(*best)
 
 
-def on_all(
-    form: Form, shape: Shape, ridge: Floats, velocity: Floats, friction: Floats, speed: float, force: float
-) -> Floats:
-    """Return the coefficients (m,) of a shape on all samples (n,), in units of speed and force.
+def on_all(form: Form, shape: Shape, ridge: Floats, points: Points, speed: float, force: float) -> Floats:
+    """Return the coefficients (m,) of a shape on all samples, in units of speed and force.
 
     The ridge's square grows by s^2 / (n rms(f)^2), with s the standard deviation of the residual: what Bayes' rule
     makes of white noise and coefficients of about the rms friction. It is nothing where there are samples enough to
     tell the coefficients, and it holds them at modest values where a few noisy ones, or speeds too close, do not. The
     Coulomb level is spared: it takes what the others may not.
     """
-    n = velocity.size
+    n = points.size
     gram, moment, power = np.zeros((form.size, form.size)), np.zeros(form.size), 0.0
-    for a, b in blocks(n):
-        x, y = velocity[a:b] / speed, friction[a:b] / force
+    for velocity, friction in points:
+        x, y = velocity / speed, friction / force
         columns = form.columns(x, shape)
         gram += columns @ columns.T / n
         moment += columns @ y / n
@@ -412,8 +329,3 @@ def in_units(form: Form, shape: Shape, coefficients: Floats, speed: float, force
     if form.stribeck:
         out |= {"stribeck_m_s": shape.stribeck * speed, "stribeck_exponent": shape.exponent}
     return out
-
-
-def blocks(n: int) -> list[tuple[int, int]]:
-    """Return the first and last index of each block of samples."""
-    return list(pairwise([*range(0, n, BLOCK), n]))

@@ -36,10 +36,13 @@ class FrozenScore:
     baselines: Mapping[str, float | None]
 
 
-def curves_learned(velocity_m_s: Floats, friction_N: Floats) -> dict[str, StaticCurve]:
-    """Return the textbook's curves fitted to the samples (n,) m/s, (n,) N; empty where none can be fitted."""
+def curves_learned(velocity_m_s: Floats, friction_N: Floats, learned: Bools | None = None) -> dict[str, StaticCurve]:
+    """Return the textbook's curves fitted to the samples (n,) m/s, (n,) N, or to those learned from, (n,).
+
+    Empty where none can be fitted.
+    """
     try:
-        return fit_baselines(velocity_m_s, friction_N)
+        return fit_baselines(velocity_m_s, friction_N, use=learned)
     except UnanswerableError:
         return {}
 

@@ -228,22 +228,25 @@ def accumulate(model: Model, blocks: Iterable[Inputs], restart: Bools, used: Boo
         dense = np.concatenate([past, _dense(inputs, weights, stride)])
         oldest = begin - past.shape[0]
         begin += inputs.target.size
-        rows = [dense[np.maximum(place - i, first_of) - oldest] for i in range(taps)]
+        lag_places = [np.maximum(place - i, first_of) - oldest for i in range(taps)]
         keep = used[place, None]
-        now = rows[0] * keep
+        now = dense[lag_places[0]] * keep
         plain = np.column_stack([inputs.extension, inputs.target]) * keep
         for i in range(taps):
-            lagged[i] += now.T @ rows[i]
-            cross[i] += rows[i].T @ plain
+            rows = dense[lag_places[i]]
+            lagged[i] += now.T @ rows
+            cross[i] += rows.T @ plain
         small += plain.T @ plain
         noise += keep[:, 0] @ inputs.noise
         at_start, at_end = np.flatnonzero(starts[place]), np.flatnonzero(ends[place])
+        first = [dense[at[at_start]] for at in lag_places]
+        last = [dense[at[at_end]] for at in lag_places]
         for i in range(taps - 1):
             for j in range(taps - 1):
                 if at_start.size:
-                    displaced[i, j] += rows[i + 1][at_start].T @ rows[j + 1][at_start]
+                    displaced[i, j] += first[i + 1].T @ first[j + 1]
                 if at_end.size:
-                    displaced[i, j] -= rows[i][at_end].T @ rows[j][at_end]
+                    displaced[i, j] -= last[i].T @ last[j]
     lags = np.empty((taps, stride, taps, stride))
     for i in range(taps):
         lags[0, :, i] = lagged[i]

@@ -21,12 +21,10 @@ from friction_estimator.core.fit.baselines import (
     RIDGE_OFFSET,
     RIDGE_STRIBECK,
     RIDGE_VISCOUS,
-    Bins,
-    gathered,
-    top_speed,
 )
+from friction_estimator.core.fit.points import Bins, Points
 from friction_estimator.core.model.theory_stribeck import Stribeck
-from friction_estimator.core.sample import Floats
+from friction_estimator.core.sample import Bools, Floats
 from friction_estimator.core.settings.config import Config
 
 LEAST_SAMPLES = 30
@@ -65,26 +63,27 @@ class _Trial:
     coefficients: Floats
 
 
-def found_stribeck(velocity_m_s: Floats, friction_N: Floats) -> Stribeck | None:
-    """Return the curve of samples in motion, (n,) each; None where nothing moves.
+def found_stribeck(velocity_m_s: Floats, friction_N: Floats, moving: Bools | None = None) -> Stribeck | None:
+    """Return the curve of samples in motion; None where nothing moves.
 
     Deterministic. Where friction drives the motion (a sensor wired the other way) the curve is that of -f, negated.
+
+    Parameters
+    ----------
+    velocity_m_s, friction_N : (n,); what is not finite is left out.
+    moving : (n,), the samples in motion; all of them unless given.
     """
-    velocity, friction = velocity_m_s, friction_N
-    finite = np.isfinite(velocity) & np.isfinite(friction)
-    if not finite.all():
-        velocity, friction = velocity[finite], friction[finite]
-    del finite
-    speed = top_speed(velocity) if velocity.size else 0.0
+    finite = np.isfinite(velocity_m_s) & np.isfinite(friction_N)
+    points = Points(velocity_m_s, friction_N, finite if moving is None else finite & moving)
+    speed, force = points.top_speed, points.largest_force
     if not speed > 0.0:
         return None
-    with_motion = (np.sign(velocity[part]) * friction[part] for part in sums.parts(velocity.size))
-    sign = -1.0 if sums.total(with_motion, velocity.size) < 0.0 else 1.0
-    force = max(float(np.max(friction)), -float(np.min(friction))) or 1.0
-    if velocity.size < LEAST_SAMPLES:
-        level = float(np.median(np.sign(velocity) * friction))
+    with_motion = (np.sign(velocity) * friction for velocity, friction in points)
+    if points.size < LEAST_SAMPLES:
+        level = float(np.median(np.concatenate(list(with_motion))))
         return _curve(np.array([level, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]), (NARROWEST, 1.0), 1.0, speed, 1.0)
-    bins = gathered(velocity, friction, speed, sign * force)
+    sign = -1.0 if sums.total(with_motion, points.size) < 0.0 else 1.0
+    bins = points.gathered(speed, sign * force)
     widths, falls = (np.log(ends) for ends in ((NARROWEST, WIDEST), (SLOWEST, FASTEST)))
     axes = [np.linspace(ends[0], ends[1], GRID) for ends in (widths, falls)]
     best = _tried(bins, (NARROWEST, 1.0), EXPONENTS[0])

@@ -153,8 +153,7 @@ def chosen(config: Config, samples: Samples) -> Config:
 def refined(config: Config, samples: Samples) -> Config:
     """Return the configuration with the Stribeck curve that these samples say."""
     moving = ~standstill(samples, config.velocity_scale)
-    friction = friction_alone(config, samples)
-    found = found_stribeck(samples.velocity_m_s[moving], friction[moving])
+    found = found_stribeck(samples.velocity_m_s, friction_alone(config, samples), moving)
     return config.updated({"learned.stribeck": (found or unknown_stribeck(config)).values})
 
 

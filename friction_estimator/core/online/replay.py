@@ -130,7 +130,7 @@ class Replay:
     @cached_property
     def baseline_curves(self) -> dict[str, StaticCurve]:
         """The textbook's curves fitted to what was learned from; empty where that does not do for a curve."""
-        return curves_learned(self.samples.velocity_m_s[self.learned], self.samples.friction_N[self.learned])
+        return curves_learned(self.samples.velocity_m_s, self.samples.friction_N, self.learned)
 
     @cached_property
     def frozen_score(self) -> FrozenScore | None:

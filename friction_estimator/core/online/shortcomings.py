@@ -130,8 +130,7 @@ def in_motion(judged: Judgement) -> InMotion:
     curves: dict[str, StaticCurve] = {}
     fitted = judged.learned > standing if standing.any() else judged.learned
     if np.count_nonzero(fitted) and np.count_nonzero(moves) > 1:
-        whole = bool(fitted.all())  # then nothing is copied
-        curves = curves_learned(*(values if whole else values[fitted] for values in (velocity, measured)))
+        curves = curves_learned(velocity, measured, fitted)
     scores = {name: metrics.nrmse(measured, curves[name].over(velocity), moves) for name in CURVES if name in curves}
     share = float(np.mean(standing[judged.scored])) if judged.scored.any() else 0.0
     return InMotion(int(moves.sum()), share, metrics.nrmse(measured, judged.predicted_N, moves), scores)
