@@ -180,6 +180,28 @@ def test_what_takes_long_is_made_before_the_range_grows(monkeypatch):
     assert estimator.health.grown == 1
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"basis__velocity_unit": 20.0, "basis__companding": 0.0},  # a cell is wider than the range
+        {"prior__weight_deviation": 1e6, "basis__finest_level": -3, "basis__wavelet": "db8"},  # what rounding leaves of the fit is more than its prior
+    ],
+)
+@pytest.mark.parametrize("law", LAWS)
+def test_a_range_grows_whatever_the_basis_and_its_prior(law, changes):
+    estimator = estimator_for(faster(), model__law=law, **changes)
+    estimator.run(faster()[: 4 * RATE])
+    velocity = np.linspace(0.0, estimator.model.basis.reach[1], 50)
+    before = curve(estimator, velocity)
+    estimator.run(beyond(GROW_AFTER, 0.03))
+    assert estimator.health.grown == 1
+    after = curve(estimator, velocity)
+    assert np.isfinite(after).all()
+    assert np.isfinite(estimator.work.root).all()
+    if "prior__weight_deviation" not in changes:  # else the curve is wild where no sample was, before and after
+        np.testing.assert_allclose(after, before, atol=0.02 * estimator.model.unit_N)
+
+
 def test_unit_and_companding_stay_and_the_range_takes_its_margin():
     before, after = grown("parallel")
     assert (after.model.basis.unit, after.model.basis.bend) == (before.model.basis.unit, before.model.basis.bend)

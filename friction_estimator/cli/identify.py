@@ -63,8 +63,9 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
     tell_theory(output, config, samples)
     begin = time.perf_counter()
     with progress("fitting", len(samples)) as advance:
-        in_motion = learned & ~standstill(samples, config.velocity_scale)
+        in_motion = learned > standstill(samples, config.velocity_scale)  # greater: and not
         fit = fit_batch(samples, config, extension_from_config(config), use=in_motion)
+        del in_motion
         advance(len(samples))
     seconds = time.perf_counter() - begin
     result = judged(session, _as_replay(session, config, fit, learned, seconds))
@@ -91,9 +92,10 @@ def _learned(n: int, freeze_after: float | None) -> Bools:
             f"freeze-after is {freeze_after:g}: give the fraction of the record to fit, above 0 to 1 "
             "(replay takes 0: it scores what --config has learned)"
         )
-    learned = np.ones(n, np.bool_)
-    if freeze_after is not None:
-        learned[max(1, round(freeze_after * n)) :] = False
+    if freeze_after is None:
+        return np.broadcast_to(np.bool_(True), (n,))
+    learned = np.zeros(n, np.bool_)
+    learned[: max(1, round(freeze_after * n))] = True
     return learned
 
 

@@ -48,7 +48,7 @@ class Load:
     def arrived(self, now_ns: int) -> int:
         """Return when a sample that is handed over at `now_ns` may have arrived, ns of `time.perf_counter_ns`."""
         came = self._message_came or now_ns
-        return self._other_began if came < self._other_felt_until else came
+        return min(came, self._other_began) if came < self._other_felt_until else came
 
     def message(self) -> None:
         """Note that a message of several samples came: the last of them waits for all before it."""

@@ -21,7 +21,7 @@ from friction_estimator.core import sums
 from friction_estimator.core.fit.posterior import COLOUR
 from friction_estimator.core.model.basis import Basis
 from friction_estimator.core.model.prior import Prior
-from friction_estimator.core.model.structure import Model
+from friction_estimator.core.model.structure import CHUNK, Model
 from friction_estimator.core.sample import Bools, Floats, Samples
 
 COUNT, POWER, PRODUCT = range(3)
@@ -140,7 +140,7 @@ def errors_by_cell(
     use, restart : (n,), the samples that count, and those that do not follow the one before.
     """
     errors = np.zeros((basis.cell_count, 3))
-    for part in sums.parts(velocity_m_s.size):
+    for part in sums.parts(velocity_m_s.size, CHUNK):  # the basis' rows come with the cells
         first = min(part.start, 1)  # the one before comes along
         here = slice(part.start - first, part.stop)
         cell = basis.cells(velocity_m_s[here])

@@ -12,7 +12,7 @@ import numpy as np
 from friction_estimator.core import sums
 from friction_estimator.core.fit.band import Curve, errors_by_cell, median_conditions, static_curve
 from friction_estimator.core.fit.load_report import LearnedLoad, learned_loads
-from friction_estimator.core.fit.moments import gather, with_past
+from friction_estimator.core.fit.moments import fitted, gather
 from friction_estimator.core.fit.posterior import Posterior, settle
 from friction_estimator.core.metrics import nrmse
 from friction_estimator.core.model.prediction import delay_lines, predict_fixed
@@ -147,8 +147,7 @@ def fit_batch(
         theta = posterior.compensated(ends[0])
         parameters = model.split(theta)
     predicted = predict(samples, config, parameters, extension)
-    used = np.broadcast_to(np.asarray(use, np.bool_), (len(samples),)) & model.basis.inside(samples.velocity_m_s)
-    used = used & with_past(samples.restart, taps)
+    used = fitted(model, samples, use)
     measured = samples.friction_N
 
     def error(part: slice) -> Floats:

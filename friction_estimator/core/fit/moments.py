@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
+from friction_estimator.core import sums
 from friction_estimator.core.errors import ConfigError, UnanswerableError
-from friction_estimator.core.metrics import settled
 from friction_estimator.core.model.structure import Inputs, Model
 from friction_estimator.core.sample import Bools, Floats, Ints, Samples
 
@@ -181,8 +181,7 @@ def gather(
             f"the batch fit of {taps} taps and {weights} weights has {products(model)} products, more than "
             f"{LARGEST_PRODUCT}: lower fir.order, or set a larger basis.velocity_unit or basis.finest_level"
         )
-    used = np.broadcast_to(np.asarray(use, np.bool_), (len(samples),)) & model.basis.inside(samples.velocity_m_s)
-    used = used & with_past(samples.restart, int(model.shape[0]))
+    used = fitted(model, samples, use)
     if not used.any():
         raise UnanswerableError("no sample lies inside basis.velocity_range, with its past: nothing to fit")
     if model.extension is not None:
@@ -208,10 +207,6 @@ def accumulate(model: Model, blocks: Iterable[Inputs], restart: Bools, used: Boo
     stride = weights + (1 if theory_taps else 0)
     total = products(model)
     count = int(np.count_nonzero(used))
-    joined = used[1:] & used[:-1] & ~restart[1:]
-    starts = used & ~np.concatenate([[False], joined])
-    ends = used & ~np.concatenate([joined, [False]])
-
     lagged = np.zeros((taps, stride, stride))  # G_0j
     displaced = np.zeros((taps - 1, taps - 1, stride, stride))  # G_(i+1)(j+1) - G_ij
     others = extensions + 1  # extension columns and the target
@@ -238,7 +233,7 @@ def accumulate(model: Model, blocks: Iterable[Inputs], restart: Bools, used: Boo
             cross[i] += rows.T @ plain
         small += plain.T @ plain
         noise += keep[:, 0] @ inputs.noise
-        at_start, at_end = np.flatnonzero(starts[place]), np.flatnonzero(ends[place])
+        at_start, at_end = _run_ends(used, restart, place[0], begin)
         first = [dense[at[at_start]] for at in lag_places]
         last = [dense[at[at_end]] for at in lag_places]
         for i in range(taps - 1):
@@ -277,15 +272,31 @@ def accumulate(model: Model, blocks: Iterable[Inputs], restart: Bools, used: Boo
     )
 
 
-def with_past(restart: Bools, taps: int) -> Bools:
-    """Return where the delay lines hold measured samples only, (n,).
+def fitted(model: Model, samples: Samples, use: Bools | bool = True) -> Bools:
+    """Return which samples of a record carry an equation, (n,): those in `use`, inside the range, with their past.
 
     The samples that follow a restart err by several deviations, since it fills the delay lines as if the shaft had
     stood there, and would bend a fit. The first sample of a record restarts them too.
     """
-    begins = restart.copy()
-    begins[:1] = True
-    return settled(begins, taps - 1)
+    n = len(samples)
+    used = np.array(np.broadcast_to(np.asarray(use, np.bool_), (n,)))
+    for part in sums.parts(n):
+        used[part] &= model.basis.inside(samples.velocity_m_s[part])
+    begins = np.union1d(np.flatnonzero(samples.restart), [0])
+    for lag in range(int(model.shape[0]) - 1):
+        used[begins[begins + lag < n] + lag] = False
+    return used
+
+
+def _run_ends(used: Bools, restart: Bools, begin: int, end: int) -> tuple[Ints, Ints]:
+    """Return where in [begin, end) runs of consecutive used samples start and where they end, from `begin` on."""
+    known = np.zeros(end - begin + 2, np.bool_)  # with the sample before and the one behind
+    low, high = max(begin - 1, 0), min(end + 1, used.size)
+    known[low - begin + 1 : high - begin + 1] = used[low:high]
+    goes_on = known[1:] & known[:-1]  # sample k with the one before it
+    goes_on[: high - begin] &= ~restart[begin:high]
+    own = known[1:-1]
+    return np.flatnonzero(own & ~goes_on[:-1]), np.flatnonzero(own & ~goes_on[1:])
 
 
 def _segment_starts(place: Ints, restart: Bools, before: int) -> Ints:

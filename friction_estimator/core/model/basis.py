@@ -323,16 +323,17 @@ class WaveletBasis:
         ends = [
             _position(v, self.unit, self.bend) + sign * span for v, sign in zip(self.reach, (-1.0, 1.0), strict=True)
         ]
-        low, high = (self._velocity_at(end) for end in ends)
+        low, high = (float(end) for end in self._velocity_at(np.array(ends)))
         try:
             return WaveletBasis(self._config, (low, high), self._scale_m_s)
         except ConfigError:
             return self
 
-    def _velocity_at(self, position: float) -> float:
-        """Return the velocity at a number of basis units."""
+    def _velocity_at(self, position: Floats) -> Floats:
+        """Return the velocities at numbers of basis units, (n,); infinite where no float is as large."""
         along = position * self.unit
-        return float(self.bend * np.sinh(along / self.bend)) if self.bend > 0.0 else along
+        with np.errstate(over="ignore"):
+            return np.asarray(self.bend * np.sinh(along / self.bend) if self.bend > 0.0 else along)
 
     def cell_velocities(self, points: int = 1) -> Floats:
         """Return velocities evenly in basis units, `points` a cell, (points * cell_count,), m/s.
@@ -340,9 +341,7 @@ class WaveletBasis:
         One point a cell is its middle; at the ends they are held inside the range.
         """
         along = (np.arange(points * self.cell_count) + 0.5) / points
-        middle = (self.first_cell + along) / CELLS_PER_UNIT * self.unit
-        velocity = self.bend * np.sinh(middle / self.bend) if self.bend > 0.0 else middle
-        return np.asarray(np.clip(velocity, self.low, self.high))
+        return np.clip(self._velocity_at((self.first_cell + along) / CELLS_PER_UNIT), self.low, self.high)
 
     def places_of(self, other: Basis) -> NDArray[np.int64]:
         """Return where each function of `other`, which covers less with the same unit, stands here, (other.size,)."""

@@ -91,6 +91,7 @@ class Prior:
         if model.load.even:
             step = ASYMMETRY_DEVIATION * even_step(model, nonlinear)
             nonlinear = nonlinear + np.outer(step, step)
+            nonlinear[np.diag_indices_from(nonlinear)] *= 1.0 + LEAST_SHARE  # where the step is all there is
         alone = not theory_taps or model.config.finds_stribeck
         shared = settings.tap_deviation * (1.0 if alone else PARALLEL_SHARE)
         decay = settings.tap_decay
@@ -148,10 +149,12 @@ def even_step(model: Model, covariance: Floats) -> Floats:
     dense = np.zeros((velocity.size, model.basis.size))
     np.put_along_axis(dense, index.astype(np.int64), value, axis=1)
     wanted = np.abs(np.tanh(velocity / (ASYMMETRY_WIDTH * top)))
-    spread = dense @ covariance
-    gram = spread @ dense.T
-    noise = LEAST_SHARE**0.5 * float(np.mean(np.diag(gram)))
-    return np.asarray(spread.T @ np.linalg.solve(gram + noise * np.eye(velocity.size), wanted))
+    # In deviations of the weights the system has their number, not that of the points.
+    root = np.linalg.cholesky(covariance)
+    columns = dense @ root
+    gram = columns.T @ columns
+    noise = LEAST_SHARE**0.5 * float(np.trace(gram)) / velocity.size
+    return np.asarray(root @ np.linalg.solve(gram + noise * np.eye(len(gram)), columns.T @ wanted))
 
 
 def conditioned(covariance: Floats, direction: Floats, deviation: float) -> Floats:

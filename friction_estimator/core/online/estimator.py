@@ -172,17 +172,17 @@ class Estimator:
         return abs(status.item(workspace.BEYOND)) >= kernels.DECIDED_AFTER and status.item(workspace.MAY_GROW) == 1
 
     def prepare(self) -> None:
-        """Make a part of the growth that may come, a millisecond's work at most with a hundred parameters.
+        """Make a part of the growth that may come: half a millisecond's work with a hundred parameters.
 
         For pauses between samples; the results are those without any of these calls.
         """
         under_way = self._growth
         growth = self._next_growth()
-        if growth is not None and growth is under_way:
+        if growth is not None and growth is under_way:  # the first pause has made its model
             growth.prepare()
 
     def _next_growth(self) -> Growth | None:
-        """Return the growth that the velocities in a row beyond an edge ask for, or None: too large a basis."""
+        """Return the growth that the first velocities in a row beyond an edge ask for, or None: too large a basis."""
         nearest, farthest = (float(self.work.moments[i]) for i in (workspace.NEAREST, workspace.FARTHEST))
         # All of them lie beyond the edge; one that stands far out among them is a wild value.
         velocity = farthest if abs(farthest) <= ALONE_ABOVE * abs(nearest) else nearest
@@ -194,7 +194,7 @@ class Estimator:
         return growth
 
     def grow(self) -> bool:
-        """Let the range reach the velocities that came in a row beyond its edge; too large a basis stays as it is.
+        """Let the range reach the first velocities in a row beyond its edge; too large a basis stays as it is.
 
         Returns
         -------

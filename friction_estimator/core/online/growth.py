@@ -32,6 +32,10 @@ LEAST_GROWTH = 1.25
 POINTS_A_CELL = 4
 """Of the fit that carries a curve over: several for the finest function."""
 
+ROUNDING = 4.0 * float(np.finfo(np.float64).eps)
+"""Of that fit, times its size and its largest squared column: what rounding leaves of a positive definite matrix.
+Deviations of thousands of force units, which `prior.weight_deviation` allows, reach it; usual ones stay far below."""
+
 THINNING = 16
 """Of that fit: points beyond the new edges are apart by their distance over this, once that is more than a point's."""
 
@@ -176,6 +180,8 @@ class _CurveFit:
         assert isinstance(basis, WaveletBasis)
         wide = self._wide = basis.widened()
         velocity = wide.cell_velocities(POINTS_A_CELL)
+        if not basis.inside(velocity).any():  # cells that are wider than the range
+            velocity = np.sort(np.concatenate([velocity, basis.reach]))
         inner = np.flatnonzero(basis.inside(velocity))
         above, apart_above = _thinning(velocity.size - 1 - inner[-1])
         below, apart_below = _thinning(inner[0])
@@ -200,6 +206,9 @@ class _CurveFit:
         normal = np.eye(self._fitted.size)
         columns = self.columns
         _add_products(columns.indptr, columns.indices, columns.data, normal)
+        least = ROUNDING * len(normal) * float(np.max(np.diag(normal)))
+        if least > 1.0:
+            normal[np.diag_indices_from(normal)] += least
         return cho_factor(normal, lower=True, overwrite_a=True)
 
     @cached_property

@@ -51,9 +51,12 @@ KNOWN_LEVERAGE = 0.1
 MISFIT_MEMORY = 5000.0
 """Samples over which the power of known errors is averaged."""
 
-GROW_AFTER, DECIDED_AFTER = 20, 12
-"""Samples in a row beyond an edge of the range after which it grows, and of these the first ones, which say how far: a
-wild velocity is alone. In the time of the others a live estimator gets ready (`growth.Growth`)."""
+GROW_AFTER = 20
+"""Samples in a row beyond an edge of the range after which it grows: a wild velocity is alone."""
+
+DECIDED_AFTER = 12
+"""The first of these, which say how far. While the others come a live estimator gets ready, in as many pauses as
+`growth.Growth` has parts."""
 
 
 @njit(cache=True)

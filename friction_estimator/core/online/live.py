@@ -169,7 +169,9 @@ class LiveStep(Events):
         makes up for it.
         """
         if self._grows is not None:
+            estimator = self._grows
             self._grow()
+            self._refresh(estimator)
         elif self.estimator is not None and self.estimator.may_grow_soon:
             self.estimator.prepare()
 

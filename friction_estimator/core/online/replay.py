@@ -226,9 +226,10 @@ class Replay:
     def figures(self) -> dict[str, Any]:
         """Return the figures of merit of `replay --json`, under its names."""
         measured, predicted = self.samples.friction_N, self.predicted_N
-        last = slice(len(self.samples) - max(2, len(self.samples) // 5), None)
-        final = metrics.nrmse(measured[last], predicted[last])
-        end_rms = float(np.sqrt(np.mean(np.square(measured[last] - predicted[last]))))
+        count = max(2, len(self.samples) // 5)
+        late, guessed = measured[-count:], predicted[-count:]
+        final = metrics.nrmse(late, guessed)
+        end_rms = float(np.sqrt(sums.mean_square(lambda part: late[part] - guessed[part], late.size)))
         frozen = self.frozen_score
         theory = None if self.theory_in is None else metrics.nrmse(measured, self.theory_in)
         return {

@@ -61,7 +61,8 @@ class Workspace:
     law : (7,), constants (see `adaptation.constants`).
     moments : (10,): running error power, mean power of errors at velocities that are known, the factor on what the
         alarm takes for usual, lms' back-off, samples that the covariance holds, the pull towards the prior that is
-        due, the error before, the slowest and the fastest of the velocities in a row beyond an edge, the share owed.
+        due, the error before, the slowest and the fastest of the first velocities in a row beyond an edge, the share
+        owed.
     status : (13,) int64, counters; `BEYOND` counts the samples in a row beyond one edge (negative: the lower one),
         `MAY_GROW` is 1 where the range may grow, `FOLLOWS` is 1 where the last error is that of the sample before.
     errors : (cells, 3), running errors by cell of velocity (see `fit.band`).
