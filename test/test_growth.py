@@ -184,7 +184,8 @@ def test_what_takes_long_is_made_before_the_range_grows(monkeypatch):
     "changes",
     [
         {"basis__velocity_unit": 20.0, "basis__companding": 0.0},  # a cell is wider than the range
-        {"prior__weight_deviation": 1e6, "basis__finest_level": -3, "basis__wavelet": "db8"},  # what rounding leaves of the fit is more than its prior
+        # What rounding leaves of the fit is more than its prior.
+        {"prior__weight_deviation": 1e6, "basis__finest_level": -3, "basis__wavelet": "db8"},
     ],
 )
 @pytest.mark.parametrize("law", LAWS)

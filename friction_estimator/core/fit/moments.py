@@ -252,10 +252,13 @@ def accumulate(model: Model, blocks: Iterable[Inputs], restart: Bools, used: Boo
     gram = np.empty((total, total))
     end = taps * stride
     gram[:end, :end] = lags.reshape(end, end)
+    del lags, displaced
     gram[:end, end:] = cross[:, :, :-1].reshape(end, extensions)
     gram[end:, :end] = gram[:end, end:].T
     gram[end:, end:] = small[:-1, :-1]
-    gram = 0.5 * (gram + gram.T) / count
+    gram += gram.T
+    gram *= 0.5
+    gram /= count
     penalty = _penalty(model, ridge)
     gram[np.diag_indices(total)] += penalty
     return Moments(
