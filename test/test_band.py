@@ -96,7 +96,7 @@ def test_running_errors_do_not_depend_on_the_pieces_that_they_are_taken_in(monke
     used, restart = rng.random(n) < 0.8, rng.random(n) < 0.05
     whole = errors_by_cell(BASIS, velocity, error.__getitem__, used, restart)
     parts = sums.parts
-    monkeypatch.setattr(sums, "parts", lambda n: parts(n, 97))
+    monkeypatch.setattr(sums, "parts", lambda n, _=0: parts(n, 97))
     assert errors_by_cell(BASIS, velocity, error.__getitem__, used, restart).tobytes() == whole.tobytes()
 
 
