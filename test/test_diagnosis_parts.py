@@ -137,7 +137,7 @@ def test_lattice_is_measured() -> None:
 
 def outliers(record: Record, residual: np.ndarray) -> Fault | None:
     view = view_of(record, record.context(Config(), 1.0), [])
-    return EFFECTS["outliers"].detect(replace(view, residual_N=residual))
+    return EFFECTS["outliers"].detect(replace(view, residual_N=residual, force_N=view.force_N + residual))
 
 
 @pytest.mark.parametrize("pole", [0.0, 0.7])
@@ -164,6 +164,32 @@ def test_what_happens_at_each_reversal_neither_is_an_outlier_nor_hides_some(clea
     assert found is not None
     assert found.used is not None
     assert set(np.flatnonzero(record.used & ~found.used)) == {517, 1493, 2581, 3444, 4719, 5301}
+
+
+def test_steps_of_a_coarse_sensor_are_no_outliers(clean: Samples) -> None:
+    """Where the friction is nearly constant the residual rests on one step of the lattice; the next one is no spike."""
+    record = build_record([clean], Config())
+    residual = 0.02 * np.random.default_rng(5).standard_normal(len(clean))
+    residual[[517, 1493, 2581, 3444, 4719, 5301]] += 0.5
+    view = view_of(record, record.context(Config(), 1.0), [])
+    view = replace(view, residual_N=residual, force_N=view.force_N + residual)
+    assert EFFECTS["outliers"].detect(view) is not None
+    assert EFFECTS["outliers"].detect(replace(view, lattice_N=0.5)) is None
+
+
+def test_a_late_force_at_steps_of_the_speed_has_no_outliers(clean: Samples) -> None:
+    """What a delay within a sample leaves is one value off at each step, less than the step itself."""
+    record = build_record([clean], Config())
+    steps = np.array([517, 1493, 2581, 3444, 4719, 5301])
+    residual = 0.02 * np.random.default_rng(6).standard_normal(len(clean))
+    residual[steps] -= 0.5
+    view = view_of(record, record.context(Config(), 1.0), [])
+    speeds_up = np.zeros(len(clean))
+    for k, step in enumerate(steps):
+        speeds_up[step:] += 1.0 if k % 2 else -1.0
+    assert EFFECTS["outliers"].detect(replace(view, residual_N=residual, force_N=view.force_N + residual)) is not None
+    force = view.force_N + residual + speeds_up
+    assert EFFECTS["outliers"].detect(replace(view, residual_N=residual, force_N=force)) is None
 
 
 def test_stamps_tell_their_faults() -> None:

@@ -39,6 +39,9 @@ HATS = 24
 PRESSURE_NODES = 5
 EVALUATIONS = 40
 SCAN = 61
+AT_EDGE = 1.01
+"""Factor within which a sought value lies at an end of its bracket: the columns cannot make that change there, as where
+a late velocity acts on bristles, which the plant's static curve does not have. Then nobody knows what is true."""
 
 
 Range = float | list[float]
@@ -86,6 +89,7 @@ def best_fit(effect: Effect, made: Made, index: int, plant: str) -> dict[str, Ra
     best = None
     for params in _starts(cls, effect, context):
         plateaus: dict[str, Range] = {}
+        unknown: set[str] = set()
         for name in cls.refined:
             if name in getattr(cls, "shares", ()):  # nothing hidden departs from the theory
                 continue
@@ -94,12 +98,15 @@ def best_fit(effect: Effect, made: Made, index: int, plant: str) -> dict[str, Ra
             params[name] = 0.5 * (ends[0] + ends[1])
             if name in cls.steps:
                 plateaus[name] = ends
+            elif not low * AT_EDGE < params[name] < high / AT_EDGE:
+                unknown.add(name)
         loss, weights = fitted(params)
         if best is None or loss < best[0]:
-            best = loss, params, weights, plateaus
+            best = loss, params, weights, plateaus, unknown
     assert best is not None
-    found = {name: value for name, (value, _) in cls.physical(best[1], best[2], context).items()}
-    return found | best[3]
+    _, params, weights, plateaus, unknown = best
+    found = {name: value for name, (value, _) in cls.physical(params, weights, context).items()}
+    return {name: value for name, value in (found | plateaus).items() if name not in unknown}
 
 
 def _columns(cls: type[Effect], params: dict[str, float], features: Features, reference: Reference):
@@ -165,7 +172,7 @@ def _context(features: Features, made: Made) -> Context:
         "stroke_m": high - low,
         "centre_m": 0.5 * (low + high),
         "top_speed_m_s": top,
-        "force_rms_N": float(np.sqrt(np.mean(np.square(made.clean_N)))),
+        "force_rms_N": float(np.sqrt(np.mean(np.square(made.samples.friction_N)))),  # as it is measured
         "force_top_N": float(np.abs(made.clean_N).max()),
         "pressure_mean_Pa": float(features.pressure_Pa.mean()),
         "pressure_span_Pa": float(np.ptp(features.pressure_Pa)),

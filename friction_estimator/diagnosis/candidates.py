@@ -253,12 +253,16 @@ def equals(best: Candidate, others: Sequence[Candidate]) -> list[Candidate]:
     for other in sorted(others, key=lambda c: -c.gain):
         if other.name == best.name:
             continue
-        behind = other.model.loss - best.model.loss
-        error = float(np.std(behind, ddof=1)) * np.sqrt(behind.size)
-        apart = best.gain - other.gain
         energy = [c.model.joint.base.coefficients.memory_energy for c in (other, best)]
         if energy[0] - energy[1] > MEMORY_EVIDENCE:  # the base's memory would have to do what the winner does alone
             continue
-        if apart < SET_ERRORS * error or apart < SET_SHARE * best.gain:
+        if within_errors(best, other) or best.gain - other.gain < SET_SHARE * best.gain:
             out.append(other)
     return out
+
+
+def within_errors(best: Candidate, other: Candidate) -> bool:
+    """Return whether the record does not say which of two explains it better."""
+    behind = other.model.loss - best.model.loss
+    error = float(np.std(behind, ddof=1)) * np.sqrt(behind.size)
+    return bool(best.gain - other.gain < SET_ERRORS * error)

@@ -14,6 +14,7 @@ from friction_estimator.diagnosis.candidates import (
     equals,
     gain_parts,
     plainest,
+    within_errors,
 )
 from friction_estimator.diagnosis.capacity import in_words, wider
 from friction_estimator.diagnosis.evidence import Evidence
@@ -308,6 +309,7 @@ class Searcher:
         if top <= 0.0:
             return None
         # Those that come close are compared in the form that suits each best.
+        plain = dict(fits)
         fits |= {c.name: self.fits.shaped(model, c) for c in fits.values() if c.gain > CLOSE * top}
         best = plainest(max(fits.values(), key=lambda c: c.gain), list(fits.values()))
         # A recorded variable that changed is preferred to an unrecorded cause that would have had to change with it.
@@ -316,24 +318,27 @@ class Searcher:
                 enough = one.gain > MEASURED_SHARE * best.gain and self._enough(model, one, causes)
                 if one.effect.recorded and enough:
                     best = one
-        best = self.fits.resettled(model, self._ahead(self.fits.shaped(model, best), fits))
+        best = self.fits.resettled(model, self._ahead(self.fits.shaped(model, best), fits, plain))
         found = alike(view.evidence, view.library, best.model.joint.parts_N[-1], CONTENDER)
         for name in [n for n in closest(found, SET_ERRORS, SET_SHARE) if n not in fits and n not in out][:MOST_ALIKE]:
             one_more = self.fits(model, name, found[name].params)
             if one_more is not None:
                 fits[name] = one_more
         same = equals(best, list(fits.values()))
-        measured = next((c for c in same if c.effect.recorded), None)
+        # What goes with time is made as well as that of a recorded variable by many a shape; anything else is not.
+        slow = best.effect.acts == SLOW
+        measured = next((c for c in same if c.effect.recorded and (slow or within_errors(best, c))), None)
         if measured is not None and not best.effect.recorded:
             # Of equals the one whose cause was recorded is named: it needs no cause that nobody saw.
             best = measured
             same = equals(best, list(fits.values()))
         return best, tuple(dict.fromkeys([*(c.name for c in same), *self._by_design(best.effect)]))
 
-    def _ahead(self, best: Candidate, fits: Mapping[str, Candidate]) -> Candidate:
+    def _ahead(self, best: Candidate, fits: Mapping[str, Candidate], plain: Mapping[str, Candidate]) -> Candidate:
         """Return the candidate that explains most together with the cause that would come after it.
 
-        Looked at only where another family comes close and the best one leaves more than noise; what was recorded is
+        Looked at only where another family comes close, or the best one in its `plain` form, and the best one leaves
+        more than noise: another form of a cause may make up for half of what a second cause does. What was recorded is
         not given up for what nobody saw. A cause more must bring its share, and a parameter more what it brings beyond
         chance.
         """
@@ -344,9 +349,11 @@ class Searcher:
             for c in sorted(fits.values(), key=lambda c: -c.gain)
             if c.effect.family != best.effect.family and c.gain > CLOSE * best.gain
         ]
-        if not close or self._left(best.model) < SECOND_SHARE * best.gain:
+        first = plain.get(best.name, best)
+        options = [best] if first is best else [best, first]
+        options += close[: OPTIONS - len(options)]
+        if not options[1:] or self._left(best.model) < SECOND_SHARE * best.gain:
             return best
-        options = [best, *close[: OPTIONS - 1]]
         return max(options, key=lambda c: self._worth(c, best))
 
     def _worth(self, option: Candidate, best: Candidate) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 
 from friction_estimator.core.quantities import FORCE, quantity
 from friction_estimator.core.sample import Floats
-from friction_estimator.effects.base import Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.base import Effect, Key, Params, Words, effect, form_key
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.detection import MASKED, NOT_REPAIRED, DataView, Fault
 from friction_estimator.effects.features import Context, Features
@@ -74,6 +74,9 @@ class SensorBias(Effect):
         return {"bias": (float(weights[0]), "N")}
 
 
+SOFT_REACH = 1.3
+"""Largest level of a soft rail, in largest forces: there it takes off 1.5 % of them."""
+
 LEAST_CUT = 0.25
 """Share that clipping must take off the force beyond its level; a soft limit takes 0.4 and more, a wrong curve less."""
 
@@ -112,14 +115,17 @@ class Saturation(Effect):
     def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:  # noqa: ARG002
         """Clip."""
         force, level = trace.friction_N, self["level"]
-        if self["form"] >= 0.5:
-            return trace.with_friction(force / (1.0 + np.abs(force / level) ** 8) ** 0.125)
-        return trace.with_friction(np.clip(force, -level, level))
+        return trace.with_friction(_soft(force, level) if self["form"] >= 0.5 else np.clip(force, -level, level))
 
     @classmethod
     def grid(cls, context: Context) -> list[dict[str, float]]:
-        """Levels from half the largest force upwards."""
-        return chosen(context.force_top_N * np.linspace(0.5, 0.98, 13), "level")
+        """Levels from half the largest force upwards; soft ones beyond it, since they bend what lies below."""
+        top = context.force_top_N
+        hard, soft = np.linspace(0.5, 0.98, 13), np.linspace(0.6, SOFT_REACH, 13)
+        return [
+            *({"level": level, "soft": 0.0} for level in top * hard),
+            *({"level": level, "soft": 1.0} for level in top * soft),
+        ]
 
     @classmethod
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:
@@ -127,19 +133,25 @@ class Saturation(Effect):
         level = quantity(params["level"], FORCE, ".3g")
         if weights.size and weights[0] < LEAST_CUT:
             return f"beyond {level} the {{force}} rises by {1.0 - weights[0]:.2g} of what it would"
-        if params["level"] > context.force_top_N:
+        if params["level"] > context.force_top_N * (SOFT_REACH if _is_soft(params) else 1.0):
             return f"its level of {level} is above every {{force}} of the model"
         return None
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
-        """Return -sgn(F) max(|F| - level, 0)."""
+        """Return -sgn(F) max(|F| - level, 0); of a soft rail F (1 + (|F|/level)^8)^(-1/8) - F."""
+        level, soft = params["level"], _is_soft(params)
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
             force = f.force_N
-            return -np.sign(force) * np.maximum(np.abs(force) - params["level"], 0.0)
+            return (_soft(force, level) if soft else np.clip(force, -level, level)) - force
 
         return Columns(compute)
+
+    @classmethod
+    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
+        """Level."""
+        return {"level": (params["level"], "N")}
 
     @classmethod
     def detect(cls, view: DataView) -> Fault | None:
@@ -172,6 +184,20 @@ class Saturation(Effect):
 
     signs = (1,)
     refined = ("level",)
+
+
+def _is_soft(params: Params) -> bool:
+    return params.get("soft", 0.0) >= 0.5
+
+
+def _soft(force: Floats, level: float) -> Floats:
+    """Return what an amplifier near its rail shows: f (1 + (|f|/level)^8)^(-1/8), whose largest value is the level.
+
+    Beyond the level the ratio is turned over, so that no power overflows.
+    """
+    ratio = np.abs(force) / level
+    least = np.minimum(ratio, 1.0 / np.maximum(ratio, 1.0))
+    return np.sign(force) * level * np.minimum(ratio, 1.0) / (1.0 + least**8) ** 0.125
 
 
 @effect

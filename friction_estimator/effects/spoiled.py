@@ -169,7 +169,12 @@ class Outliers(Effect):
 
     @classmethod
     def detect(cls, view: DataView) -> Fault | None:
-        """Find isolated spikes among the innovations of an autoregression of order two, against the local scale."""
+        """Find isolated spikes among the innovations of an autoregression of order two, against the local scale.
+
+        Steps of a coarse lattice scatter by a twelfth of their square, however seldom the residual shows it. And a
+        spike is more than the model's own force changes by from one sample to the next: an error of time, a sample
+        long, makes as much.
+        """
         residual, used = view.residual_N, view.used
         if residual is None or any(fault.conceals_N2 for fault in view.found):
             return None
@@ -179,8 +184,12 @@ class Outliers(Effect):
         weights = np.linalg.lstsq(past, calm[2:], rcond=None)[0]
         # Clipped neighbours: a spike must not make the sample after it look like one.
         innovation = np.concatenate([residual[:2], residual[2:] - past @ weights])
-        size = np.abs(innovation) / local_scale(view.features, used, innovation)
+        scale = np.maximum(local_scale(view.features, used, innovation), view.lattice_N / np.sqrt(12.0))
+        size = np.abs(innovation) / scale
+        change = np.abs(np.diff(view.force_N - residual))
         hit = (size > SPIKE) & used
+        hit[1:] &= np.abs(innovation[1:]) > change
+        hit[:-1] &= np.abs(innovation[:-1]) > change
         neighbours = np.zeros(hit.size)
         for shift in (1, 2, 3):
             neighbours[shift:] += size[:-shift] > np.maximum(3.5, 0.5 * size[shift:])
