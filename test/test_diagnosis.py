@@ -33,6 +33,7 @@ HIDDEN = [
     "direction_asymmetry:size=0.04,form=1",
     "stick_slip:size=0.04,frequency=41,form=1",
     "saturation:size=0.04",
+    "saturation:size=0.04,form=1",
     "dropout:size=0.04,length=7",
 ]
 

@@ -56,6 +56,18 @@ def test_a_film_that_is_late_by_a_delay_leaves_no_mass() -> None:
     assert found.unexplained_percent < 3.0
 
 
+def test_a_delay_beside_a_lagging_film_is_not_the_films_other_form() -> None:
+    """A film that is late by a delay, with all that the theory does not say, makes up for half of a late force."""
+    samples = record(["time_delay:delay=0.00104"], plant="film_lag")
+    times = chosen("frictional_lag", "time_delay", "sensor_lowpass", "velocity_delay", "inertia")
+    found = diagnose([samples], SEAL, catalogue=times)
+    assert names(found) == ["frictional_lag", "time_delay"]
+    lag, delay = (effect.parameters for effect in found.effects)
+    assert lag["lag"].value == pytest.approx(0.006, rel=0.1)
+    assert delay["delay"].value == pytest.approx(0.00104, rel=0.1)
+    assert found.unexplained_percent < 3.0
+
+
 def test_a_lag_beside_bristles_is_measured_by_the_bristles_and_not_by_a_trait() -> None:
     """Beside an asymmetry of two hundred times its power the lag was refused, and a mass that is like it was named."""
     traits = ("direction_asymmetry", "pressure_dependence", "frictional_lag")
