@@ -14,6 +14,7 @@ from friction_estimator.diagnosis.record import build_record
 from friction_estimator.diagnosis.repair import repaired, view_of, with_repair
 from friction_estimator.effects import EFFECTS, parse_effect
 from friction_estimator.effects.base import Effect
+from friction_estimator.effects.burst import Burst, find_burst
 from friction_estimator.effects.detection import DataView, Fault
 from friction_estimator.effects.scatter import lattice_step, noise_under
 from friction_estimator.rig.drive import Segment, segment
@@ -228,6 +229,19 @@ def test_bursts_after_reversals_are_stick_slip(hidden: str) -> None:
         # The form that is fitted is not always the one that was hidden: a hundredth beyond the interval.
         assert 0.99 * low <= made.effects[0][name] <= 1.01 * high, name
         assert value > 0.0
+
+
+def test_bursts_that_may_be_of_no_size_have_no_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same evidence with a likelihood that is as flat as that: its interval would hold 0."""
+    made = run("stick_slip:size=0.04")
+    assert scatter(made.samples) is not None
+
+    def flat(view: DataView) -> Burst | None:
+        burst = find_burst(view)
+        return burst and replace(burst, amplitude_reach_N=1.01 * burst.amplitude_N)
+
+    monkeypatch.setattr("friction_estimator.effects.reversal.find_burst", flat)
+    assert scatter(made.samples) is None
 
 
 @pytest.mark.parametrize("seed", range(3))

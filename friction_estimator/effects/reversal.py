@@ -367,6 +367,8 @@ class StickSlip(Effect):
             return None
         a, d = burst.amplitude_N, burst.decay_s
         reach = float(np.hypot(burst.amplitude_reach_N, cls.systematic["amplitude"] * a))
+        if reach >= a:  # as of any other cause: what may be nothing has no name
+            return None
         return Fault(
             cls.name,
             "the residual varies from cycle to cycle, most after reversals",
