@@ -192,6 +192,12 @@ def settled(restart: Bools, memory: int) -> Bools:
     [False, False, True, False, False, True]
     """
     out = np.ones(restart.size, np.bool_)
-    for lag in range(min(memory, restart.size)):
-        np.greater(out[lag:], restart[: restart.size - lag], out=out[lag:])  # and not
+    leave_out_restarts(out, restart, memory)
     return out
+
+
+def leave_out_restarts(use: Bools, restart: Bools, memory: int) -> None:
+    """Take from `use`, (n,), what is not `settled`; in place, since records are long."""
+    begins = np.flatnonzero(restart)
+    for lag in range(min(memory, use.size)):
+        use[begins[begins + lag < use.size] + lag] = False

@@ -213,8 +213,8 @@ class Effect:
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
-        """Return fitted quantities in the names of the keys: name -> (value, unit)."""
-        return {name: (value, _unit(cls, name)) for name, value in params.items()}
+        """Return fitted quantities in the names of the keys: name -> (value, unit); shapes and the like are none."""
+        return {key.name: (params[key.name], key.unit) for key in cls.keys if key.name in params}
 
     @classmethod
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
@@ -270,10 +270,6 @@ class Effect:
     def repairing_term(cls, fault: Fault) -> dict[str, float] | None:  # noqa: ARG003
         """Return the regressor's parameters that the extended model takes up, with coefficient one, for a fault."""
         return None
-
-
-def _unit(cls: type[Effect], name: str) -> str:
-    return next((key.unit for key in cls.keys if key.name == name), "")
 
 
 EFFECTS: Registry[type[Effect]] = Registry("effect")

@@ -183,11 +183,6 @@ class FrictionalLag(Effect):
         rest = params.get("rest", 0.0)
         return (rest, film_of(features, reference, params, np.zeros(DELAY_LINE))) if rest > 0.0 else None
 
-    @classmethod
-    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
-        """Lag."""
-        return {"lag": (params["lag"], "s")}
-
     signs = (1,)
     fixed_gain = True
     refined = ("lag", "rest")

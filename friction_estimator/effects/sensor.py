@@ -149,11 +149,6 @@ class Saturation(Effect):
         return Columns(compute)
 
     @classmethod
-    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
-        """Level."""
-        return {"level": (params["level"], "N")}
-
-    @classmethod
     def detect(cls, view: DataView) -> Fault | None:
         """Find values piled up at the largest force while the shaft moves: far more than at the levels below."""
         force = view.force_N

@@ -20,6 +20,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from friction_estimator.core import sums
 from friction_estimator.core.errors import ConfigError, UnanswerableError
+from friction_estimator.core.metrics import leave_out_restarts
 from friction_estimator.core.model.structure import Inputs, Model
 from friction_estimator.core.sample import Bools, Floats, Ints, Samples
 
@@ -285,9 +286,9 @@ def fitted(model: Model, samples: Samples, use: Bools | bool = True) -> Bools:
     used = np.array(np.broadcast_to(np.asarray(use, np.bool_), (n,)))
     for part in sums.parts(n):
         used[part] &= model.basis.inside(samples.velocity_m_s[part])
-    begins = np.union1d(np.flatnonzero(samples.restart), [0])
-    for lag in range(int(model.shape[0]) - 1):
-        used[begins[begins + lag < n] + lag] = False
+    memory = int(model.shape[0]) - 1
+    used[:memory] = False
+    leave_out_restarts(used, samples.restart, memory)
     return used
 
 

@@ -14,13 +14,12 @@ from friction_estimator.core.model.prior import Prior
 from friction_estimator.core.model.structure import CHUNK, LEARNED, Extension, Model, Parameters
 from friction_estimator.core.online import kernels, recovery, state_check, workspace
 from friction_estimator.core.online.adaptation import LAWS, constants
-from friction_estimator.core.online.growth import Growth, carried_over, cold_start, grown_model
+from friction_estimator.core.online.growth import Growth, carried_over, cold_start, next_growth
 from friction_estimator.core.online.larger_unit import in_larger_units, units_too_small
 from friction_estimator.core.online.workspace import Workspace
 from friction_estimator.core.sample import Bools, Floats, Samples
 from friction_estimator.core.settings.config import PARAMETERS, Config
 from friction_estimator.core.settings.setting import Value
-from friction_estimator.core.settings.units import ALONE_ABOVE
 from friction_estimator.core.text import LONGEST_NAME, shown
 
 STATE_VERSION = 5
@@ -177,21 +176,12 @@ class Estimator:
         For pauses between samples; the results are those without any of these calls.
         """
         under_way = self._growth
-        growth = self._next_growth()
-        if growth is not None and growth is under_way:  # the first pause has made its model
-            growth.prepare()
+        self._growth = self._next_growth()
+        if self._growth is not None and self._growth is under_way:  # the first pause has made its model
+            self._growth.prepare()
 
     def _next_growth(self) -> Growth | None:
-        """Return the growth that the first velocities in a row beyond an edge ask for, or None: too large a basis."""
-        nearest, farthest = (float(self.work.moments[i]) for i in (workspace.NEAREST, workspace.FARTHEST))
-        # All of them lie beyond the edge; one that stands far out among them is a wild value.
-        velocity = farthest if abs(farthest) <= ALONE_ABOVE * abs(nearest) else nearest
-        growth = self._growth
-        if growth is None or growth.before is not self.model or growth.velocity_m_s != velocity:
-            after = grown_model(self.model, velocity)
-            growth = Growth(self.model, after, velocity, self.law.keeps_covariance) if after else None
-            self._growth = growth
-        return growth
+        return next_growth(self.model, self.work.moments, self.law.keeps_covariance, self._growth)
 
     def grow(self) -> bool:
         """Let the range reach the first velocities in a row beyond its edge; too large a basis stays as it is.

@@ -1,8 +1,8 @@
 """The range grows with the speeds that come: functions are appended, curve and band stay what they were."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from friction_estimator.core.online import recovery
 from friction_estimator.core.online import workspace as at
 from friction_estimator.core.online.workspace import Workspace
 from friction_estimator.core.sample import Floats, Ints
-from friction_estimator.core.settings.units import MARGIN
+from friction_estimator.core.settings.units import ALONE_ABOVE, MARGIN
 
 LARGEST_GROWTH = 10.0
 """Largest factor by which the range grows at once: faster drives take another twenty samples, and a burst of absurd
@@ -69,12 +69,21 @@ class Growth:
     def __init__(self, before: Model, after: Model, velocity_m_s: float, covariance: bool) -> None:
         self.before, self.after, self.velocity_m_s = before, after, velocity_m_s
         self._covariance = covariance
-        self._left = ["prior", "constants", "fit", "fit.columns", "fit.factor", "fit.former"]
+        self._asked_for = 0
 
     def prepare(self) -> None:
         """Make the next part, half a millisecond of work with a hundred parameters. What is left is made where used."""
-        if self._left:
-            attrgetter(self._left.pop(0))(self)
+        parts: list[Callable[[], object]] = [
+            lambda: self.prior,
+            lambda: self.constants,
+            lambda: self.fit,
+            lambda: self.fit.columns,
+            lambda: self.fit.factor,
+            lambda: self.fit.former,
+        ]
+        if self._asked_for < len(parts):
+            self._asked_for += 1
+            parts[self._asked_for - 1]()
 
     @cached_property
     def prior(self) -> Prior:
@@ -90,6 +99,22 @@ class Growth:
     def fit(self) -> "_CurveFit":
         """What carries curves over."""
         return _CurveFit(self.before, self.after)
+
+
+def next_growth(model: Model, moments: Floats, covariance: bool, under_way: Growth | None) -> Growth | None:
+    """Return the growth that the first velocities in a row beyond an edge ask for, or None: too large a basis.
+
+    Parameters
+    ----------
+    moments : of the work space. covariance : whether the law keeps one. under_way : returned if it is the one.
+    """
+    nearest, farthest = float(moments[at.NEAREST]), float(moments[at.FARTHEST])
+    # All of them lie beyond the edge; one that stands far out among them is a wild value.
+    velocity = farthest if abs(farthest) <= ALONE_ABOVE * abs(nearest) else nearest
+    if under_way is not None and under_way.before is model and under_way.velocity_m_s == velocity:
+        return under_way
+    after = grown_model(model, velocity)
+    return Growth(model, after, velocity, covariance) if after else None
 
 
 def carried_over(work: Workspace, growth: Growth) -> Workspace:

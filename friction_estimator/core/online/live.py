@@ -169,9 +169,7 @@ class LiveStep(Events):
         makes up for it.
         """
         if self._grows is not None:
-            estimator = self._grows
             self._grow()
-            self._refresh(estimator)
         elif self.estimator is not None and self.estimator.may_grow_soon:
             self.estimator.prepare()
 
@@ -180,6 +178,7 @@ class LiveStep(Events):
         estimator, self._grows = self._grows, None
         if estimator is not None:
             estimator.grow()
+            self._refresh(estimator)
 
     def begin(self, estimator: Estimator) -> None:
         """Go on with this estimator; samples that wait for one become the backlog."""
