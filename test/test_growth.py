@@ -16,7 +16,7 @@ from friction_estimator.core.model.prior import Prior
 from friction_estimator.core.online import workspace
 from friction_estimator.core.online.adaptation import LAWS
 from friction_estimator.core.online.estimator import Estimator
-from friction_estimator.core.online.growth import LEAST_GROWTH, Growth, carried_over, grown_model
+from friction_estimator.core.online.growth import LEAST_GROWTH, Growth, grown_model
 from friction_estimator.core.online.kernels import DECIDED_AFTER, GROW_AFTER
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
@@ -128,7 +128,7 @@ def test_growing_again_and_again_keeps_the_edge_value_and_small_weights(model_ty
     largest = np.abs(work.theta).max()
     for factor in 2.5 ** np.arange(1, 9):
         larger = grown_model(model, 0.005 * factor)
-        work = carried_over(work, Growth(model, larger, 0.005 * factor, covariance=True))
+        work = Growth(model, larger, work, one.config, one.law).done()
         model = larger
     velocity = np.geomspace(0.00525, model.basis.reach[1], 50)
     g = model.static_map(work.theta, velocity)
@@ -173,7 +173,7 @@ def test_what_takes_long_is_made_before_the_range_grows(monkeypatch):
     def late(*_: object, **__: object) -> None:
         raise AssertionError("made when it was needed")
 
-    for name in ("grown_model", "Prior.of", "prior_arrays", "cho_factor", "_matrix"):
+    for name in ("grown_model", "Prior.of", "prior_arrays", "cho_factor", "cho_solve", "_matrix", "placed", "constants"):
         monkeypatch.setattr(f"friction_estimator.core.online.growth.{name}", late)
     assert estimator.health.grown == 0
     estimator.run(beyond(1, 0.02))

@@ -8,8 +8,9 @@ from synthetic import MODELS, RATE, config_for, samples_of
 
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.online import workspace
-from friction_estimator.core.online.estimator import CHOSEN_UNITS, Estimator
+from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.sample import Samples
+from friction_estimator.core.settings.units import CHOSEN_UNITS
 
 CYCLE = round(RATE / 0.9)
 ONSET = 20 * RATE

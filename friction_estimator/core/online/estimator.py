@@ -14,12 +14,13 @@ from friction_estimator.core.model.prior import Prior
 from friction_estimator.core.model.structure import CHUNK, LEARNED, Extension, Model, Parameters
 from friction_estimator.core.online import kernels, recovery, state_check, workspace
 from friction_estimator.core.online.adaptation import LAWS, constants
-from friction_estimator.core.online.growth import Growth, carried_over, cold_start, next_growth
+from friction_estimator.core.online.growth import Growth, cold_start, next_growth
 from friction_estimator.core.online.larger_unit import in_larger_units, units_too_small
 from friction_estimator.core.online.workspace import Workspace
 from friction_estimator.core.sample import Bools, Floats, Samples
 from friction_estimator.core.settings.config import PARAMETERS, Config
 from friction_estimator.core.settings.setting import Value
+from friction_estimator.core.settings.units import CHOSEN_UNITS
 from friction_estimator.core.text import LONGEST_NAME, shown
 
 STATE_VERSION = 5
@@ -50,8 +51,6 @@ THEORY_STRUCTURE = (
     *(name for name in PARAMETERS if name.startswith(("seal.", "stribeck."))),
 )
 """The same for the parallel model, whose theory taps belong to one curve."""
-
-CHOSEN_UNITS = ("learned.velocity_range", "learned.velocity_scale", "learned.force_unit")
 
 CHOSEN = (*CHOSEN_UNITS, "learned.theory", "learned.stribeck")
 """What the first contact chose: a state brings its own."""
@@ -170,18 +169,20 @@ class Estimator:
         status = self.work.status
         return abs(status.item(workspace.BEYOND)) >= kernels.DECIDED_AFTER and status.item(workspace.MAY_GROW) == 1
 
-    def prepare(self) -> None:
+    def prepare(self) -> Growth | None:
         """Make a part of the growth that may come: half a millisecond's work with a hundred parameters.
 
-        For pauses between samples; the results are those without any of these calls.
+        For pauses between samples; the results are those without any of these calls. Returns the growth when all of
+        it is made.
         """
         under_way = self._growth
         self._growth = self._next_growth()
-        if self._growth is not None and self._growth is under_way:  # the first pause has made its model
-            self._growth.prepare()
+        if self._growth is None or self._growth is not under_way:  # the first pause has made its model
+            return None
+        return None if self._growth.prepare() else self._growth
 
     def _next_growth(self) -> Growth | None:
-        return next_growth(self.model, self.work.moments, self.law.keeps_covariance, self._growth)
+        return next_growth(self.model, self.work, self.config, self.law, self._growth)
 
     def grow(self) -> bool:
         """Let the range reach the first velocities in a row beyond its edge; too large a basis stays as it is.
@@ -190,25 +191,27 @@ class Estimator:
         -------
         Whether the force unit rose with it (`larger_unit`); the theory's scale may then be another, too.
         """
+        growth, self._growth = self._next_growth(), None
         status = self.work.status
         status[workspace.BEYOND] = 0
-        growth, self._growth = self._next_growth(), None
         if growth is None:
             status[workspace.MAY_GROW] = 0
             return False
-        model, prior = growth.after, growth.prior
-        self.work = carried_over(self.work, growth)
-        self.work.status[workspace.GROWN] += 1
+        status[workspace.GROWN] += 1
+        self.model, self._prior, self.work, self.config = growth.after, growth.prior, growth.done(), growth.config
         rise = 1.0 if self.config.force_unit > 0.0 else units_too_small(self.work)
         if rise > 1.0:
-            larger = Model(model.config.updated({"learned.force_unit": rise * model.unit_N}), model.extension)
-            prior = Prior.of(larger)
-            self.work = in_larger_units(self.work, model, larger, prior)
-            model = larger
-        self.config = self.config.updated({name: PARAMETERS[name].of(model.config) for name in CHOSEN_UNITS})
-        self.work.law[:] = constants(self.law, self.config, model.basis)
-        self.model, self._prior = model, prior
+            self._raise_unit(rise)
         return rise > 1.0
+
+    def _raise_unit(self, rise: float) -> None:
+        """Raise the force unit by this factor."""
+        before = self.model
+        self.model = Model(before.config.updated({"learned.force_unit": rise * before.unit_N}), before.extension)
+        self._prior = Prior.of(self.model)
+        self.work = in_larger_units(self.work, before, self.model, self._prior)
+        self.config = self.config.updated({name: PARAMETERS[name].of(self.model.config) for name in CHOSEN_UNITS})
+        self.work.law[:] = constants(self.law, self.config, self.model.basis)
 
     def step(
         self,
@@ -263,6 +266,7 @@ class Estimator:
     @parameters.setter
     def parameters(self, values: Parameters) -> None:
         self.work.theta[:] = self.model.checked(values)
+        self._growth = None  # it was to carry other values over
         for array in (self.work.kept, self.work.kept_root, self.work.trial, self.work.hold):
             array[:] = 0.0  # what was kept aside belongs to other values
 

@@ -11,6 +11,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 
 from friction_estimator.compiled import njit
+from friction_estimator.core.addresses import placed
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.intake import standstill
 from friction_estimator.core.model.basis import WaveletBasis
@@ -18,9 +19,11 @@ from friction_estimator.core.model.prior import Prior
 from friction_estimator.core.model.structure import Model
 from friction_estimator.core.online import recovery
 from friction_estimator.core.online import workspace as at
+from friction_estimator.core.online.adaptation import Law, constants
 from friction_estimator.core.online.workspace import Workspace
 from friction_estimator.core.sample import Floats, Ints
-from friction_estimator.core.settings.units import ALONE_ABOVE, MARGIN
+from friction_estimator.core.settings.config import PARAMETERS, Config
+from friction_estimator.core.settings.units import ALONE_ABOVE, CHOSEN_UNITS, MARGIN
 
 LARGEST_GROWTH = 10.0
 """Largest factor by which the range grows at once: faster drives take another twenty samples, and a burst of absurd
@@ -57,33 +60,51 @@ def grown_model(model: Model, velocity_m_s: float) -> Model | None:
 
 
 class Growth:
-    """A range on its way to be larger: what of it no further sample changes can be made ahead, a part at a time.
+    """A range on its way to be larger.
+
+    All of it can be made ahead, a part at a time, since samples beyond an edge teach nothing: what they do change, the
+    larger work space shares with the present one, but for the delay lines.
 
     Parameters
     ----------
     before, after : the model and the larger one.
-    velocity_m_s : that asked for it.
-    covariance : whether the law keeps one.
+    work : the present work space.
+    config, law : of the estimator.
     """
 
-    def __init__(self, before: Model, after: Model, velocity_m_s: float, covariance: bool) -> None:
-        self.before, self.after, self.velocity_m_s = before, after, velocity_m_s
-        self._covariance = covariance
+    def __init__(self, before: Model, after: Model, work: Workspace, config: Config, law: type[Law]) -> None:
+        self.before, self.after, self._work = before, after, work
+        self._given, self._law, self._first = config, law, _first_beyond(work)
         self._asked_for = 0
 
-    def prepare(self) -> None:
-        """Make the next part, half a millisecond of work with a hundred parameters. What is left is made where used."""
+    def is_under_way(self, model: Model, work: Workspace, config: Config) -> bool:
+        """Return whether the samples beyond the edge that asked for this growth are still coming, and nothing else."""
+        same = self.before is model and self._work is work and self._given is config
+        return same and self._first == _first_beyond(work)
+
+    def prepare(self) -> bool:
+        """Make the next part, half a millisecond of work with a hundred parameters; return whether there was one."""
         parts: list[Callable[[], object]] = [
             lambda: self.prior,
-            lambda: self.constants,
+            lambda: self.prior.root,
+            lambda: self.prior.information,
+            lambda: self.law_arrays,
             lambda: self.fit,
             lambda: self.fit.columns,
+            lambda: self.fit.normal,
             lambda: self.fit.factor,
             lambda: self.fit.former,
+            lambda: self.thetas,
+            lambda: self.roots,
+            lambda: self.larger,
+            lambda: self.larger.addresses,
+            lambda: (self.config, self.constants),
         ]
-        if self._asked_for < len(parts):
-            self._asked_for += 1
-            parts[self._asked_for - 1]()
+        if self._asked_for == len(parts):
+            return False
+        self._asked_for += 1
+        parts[self._asked_for - 1]()
+        return True
 
     @cached_property
     def prior(self) -> Prior:
@@ -91,104 +112,141 @@ class Growth:
         return Prior.of(self.after)
 
     @cached_property
-    def constants(self) -> dict[str, Any]:
+    def law_arrays(self) -> dict[str, Any]:
         """What the law takes from it."""
-        return prior_arrays(self.prior) if self._covariance else {}
+        return prior_arrays(self.prior) if self._law.keeps_covariance else {}
 
     @cached_property
     def fit(self) -> "_CurveFit":
         """What carries curves over."""
         return _CurveFit(self.before, self.after)
 
+    @cached_property
+    def config(self) -> Config:
+        """The configuration with the larger range."""
+        return self._given.updated({name: PARAMETERS[name].of(self.after.config) for name in CHOSEN_UNITS})
 
-def next_growth(model: Model, moments: Floats, covariance: bool, under_way: Growth | None) -> Growth | None:
+    @cached_property
+    def constants(self) -> Floats:
+        """`Workspace.law`."""
+        return constants(self._law, self.config, self.after.basis)
+
+    @cached_property
+    def _places(self) -> tuple[Ints, Ints]:
+        """Where the functions of `before` stand among those of `after`, and where its parameters do."""
+        taps, old, new = int(self.before.shape[0]), int(self.before.shape[1]), int(self.after.shape[1])
+        place = self.after.basis.places_of(self.before.basis)
+        head, tail = np.arange(taps), np.arange(self.before.size - taps - old)
+        return place, np.concatenate([head, taps + place, taps + new + tail])
+
+    @cached_property
+    def thetas(self) -> Floats:
+        """Parameters of the present model and of those kept aside, (models, n)."""
+        taps, old, new = int(self.before.shape[0]), int(self.before.shape[1]), int(self.after.shape[1])
+        kept_aside = (recovery.Kept.of(row, self._work).theta for row in self._work.kept)
+        thetas = np.stack([self._work.theta, *kept_aside])
+        larger = np.zeros((len(thetas), self.after.size))
+        larger[:, self._places[1]] = thetas
+        larger[:, taps : taps + new] = self.fit.weights(thetas[:, taps : taps + old])
+        return larger
+
+    @cached_property
+    def roots(self) -> tuple[Floats, Floats]:
+        """Roots of the covariance, of the present model and of those kept aside."""
+        work, prior, size = self._work, self.prior, self.after.size
+        if not work.root.size:
+            return work.root, work.kept_root
+        kept = self._places[1]
+        fresh = np.setdiff1d(np.arange(size), kept)
+
+        def larger(root: Floats) -> Floats:
+            grown = np.zeros((size, size))
+            grown[np.ix_(kept, kept)] = root
+            grown[fresh, fresh] = prior.deviation[fresh] / np.sqrt(prior.residual_variance)
+            return grown
+
+        aside = placed(np.zeros((2, size, size)))
+        for place, used in ((recovery.HELD, at.HOLDING), (recovery.FORMER, at.HAS_FORMER)):
+            if work.hold[used]:
+                aside[place] = larger(work.kept_root[place])
+        return placed(larger(work.root)), aside
+
+    @cached_property
+    def larger(self) -> Workspace:
+        """The work space of `after`, with what `before` had learned; its delay lines are empty.
+
+        The curve over the former range is what it was, and level beyond. Functions that reach into the former range
+        keep their covariance, the appended ones have the prior's.
+        """
+        before, after, prior, work = self.before, self.after, self.prior, self._work
+        _, kept = self._places
+        shift = before.basis.first_cell - after.basis.first_cell
+
+        def larger_errors(errors: Floats) -> Floats:
+            larger = np.zeros((after.basis.cell_count, 3))
+            larger[shift : shift + before.basis.cell_count] = errors
+            return larger
+
+        def larger_owed(owed: Floats) -> Floats:
+            larger = np.zeros(after.size if owed.size else 0)
+            larger[kept[: owed.size]] = owed
+            return larger
+
+        def larger_row(model: recovery.Kept, theta: Floats) -> Floats:
+            return np.concatenate([theta, larger_owed(model.owed), larger_errors(model.errors).ravel(), model.moments])
+
+        models = [recovery.Kept.of(row, work) for row in work.kept]
+        return replace(
+            work,
+            shape=after.shape.copy(),
+            theta=self.thetas[0].copy(),
+            ring=np.zeros((int(before.shape[0]), int(after.shape[1]))),
+            root=self.roots[0],
+            prior=prior.metric if work.prior.size else work.prior,
+            errors=larger_errors(work.errors),
+            owed=larger_owed(work.owed),
+            kept=np.stack([larger_row(*each) for each in zip(models, self.thetas[1:], strict=True)]),
+            kept_root=self.roots[1],
+            trial=np.zeros((recovery.bins(after), 3)),
+            **self.law_arrays,
+        )
+
+    def done(self) -> Workspace:
+        """Return `larger` with the delay lines as they are."""
+        self.larger.ring[:, self._places[0]] = self._work.ring
+        self.larger.law[:] = self.constants
+        return self.larger
+
+
+def _first_beyond(work: Workspace) -> int:
+    """Return the number of the sample from which on all lie beyond one edge."""
+    return int(work.status[at.SEEN]) - abs(int(work.status[at.BEYOND]))
+
+
+def next_growth(
+    model: Model, work: Workspace, config: Config, law: type[Law], under_way: Growth | None
+) -> Growth | None:
     """Return the growth that the first velocities in a row beyond an edge ask for, or None: too large a basis.
 
     Parameters
     ----------
-    moments : of the work space. covariance : whether the law keeps one. under_way : returned if it is the one.
+    model, work, config, law : of the estimator. under_way : returned if it is the one.
     """
-    nearest, farthest = float(moments[at.NEAREST]), float(moments[at.FARTHEST])
+    if under_way is not None and under_way.is_under_way(model, work, config):
+        return under_way
+    nearest, farthest = float(work.moments[at.NEAREST]), float(work.moments[at.FARTHEST])
     # All of them lie beyond the edge; one that stands far out among them is a wild value.
     velocity = farthest if abs(farthest) <= ALONE_ABOVE * abs(nearest) else nearest
-    if under_way is not None and under_way.before is model and under_way.velocity_m_s == velocity:
-        return under_way
     after = grown_model(model, velocity)
-    return Growth(model, after, velocity, covariance) if after else None
-
-
-def carried_over(work: Workspace, growth: Growth) -> Workspace:
-    """Return the work space of `after`, with what `before` had learned.
-
-    The curve over the former range is what it was, and level beyond. Functions that reach into the former range keep
-    their covariance, the appended ones have the prior's.
-    """
-    before, after, prior = growth.before, growth.after, growth.prior
-    taps, old = int(before.shape[0]), int(before.shape[1])
-    new = int(after.shape[1])
-    place = after.basis.places_of(before.basis)
-    # Where each parameter of `before` stands in `after`.
-    head, tail = np.arange(taps), np.arange(before.size - taps - old)
-    kept = np.concatenate([head, taps + place, taps + new + tail])
-    fresh = np.setdiff1d(np.arange(after.size), kept)
-    shift = before.basis.first_cell - after.basis.first_cell
-
-    models = [recovery.Kept.of(row, work) for row in work.kept]
-    thetas = np.stack([work.theta, *(model.theta for model in models)])
-    larger_thetas = np.zeros((len(thetas), after.size))
-    larger_thetas[:, kept] = thetas
-    larger_thetas[:, taps : taps + new] = growth.fit.weights(thetas[:, taps : taps + old])
-
-    def larger_errors(errors: Floats) -> Floats:
-        larger = np.zeros((after.basis.cell_count, 3))
-        larger[shift : shift + before.basis.cell_count] = errors
-        return larger
-
-    def larger_owed(owed: Floats) -> Floats:
-        larger = np.zeros(after.size if owed.size else 0)
-        larger[kept[: owed.size]] = owed
-        return larger
-
-    def larger_root(root: Floats) -> Floats:
-        larger = np.zeros((after.size, after.size))
-        larger[np.ix_(kept, kept)] = root
-        larger[fresh, fresh] = prior.deviation[fresh] / np.sqrt(prior.residual_variance)
-        return larger
-
-    def larger_roots(roots: Floats) -> Floats:
-        larger = np.zeros((2, after.size, after.size))
-        for place, used in ((recovery.HELD, at.HOLDING), (recovery.FORMER, at.HAS_FORMER)):
-            if work.hold[used]:
-                larger[place] = larger_root(roots[place])
-        return larger
-
-    def larger_row(model: recovery.Kept, theta: Floats) -> Floats:
-        return np.concatenate([theta, larger_owed(model.owed), larger_errors(model.errors).ravel(), model.moments])
-
-    ring = np.zeros((taps, new))
-    ring[:, place] = work.ring
-    return replace(
-        work,
-        shape=after.shape.copy(),
-        theta=larger_thetas[0].copy(),
-        ring=ring,
-        root=larger_root(work.root) if work.root.size else work.root,
-        prior=prior.metric if work.prior.size else work.prior,
-        errors=larger_errors(work.errors),
-        owed=larger_owed(work.owed),
-        kept=np.stack([larger_row(*each) for each in zip(models, larger_thetas[1:], strict=True)]),
-        kept_root=larger_roots(work.kept_root) if work.root.size else work.kept_root,
-        trial=np.zeros((recovery.bins(after), 3)),
-        **growth.constants,
-    )
+    return Growth(model, after, work, config, law) if after else None
 
 
 def prior_arrays(prior: Prior) -> dict[str, Floats]:
     """Return the constants of `Workspace` that rls takes from the prior, in units of the residual variance."""
     return {
         "mean": prior.mean.copy(),
-        "information": np.ascontiguousarray(prior.information * prior.residual_variance),
-        "prior_root": np.ascontiguousarray(prior.root / np.sqrt(prior.residual_variance)),
+        "information": placed(prior.information * prior.residual_variance),
+        "prior_root": placed(prior.root / np.sqrt(prior.residual_variance)),
     }
 
 
@@ -226,15 +284,20 @@ class _CurveFit:
         return _matrix(index, self._importance[:, None] * value * self._scale[index], self._wide.size)[:, self._fitted]
 
     @cached_property
-    def factor(self) -> tuple[Floats, bool]:
-        """Cholesky factor of the normal equations."""
+    def normal(self) -> Floats:
+        """The normal equations, the lower triangle."""
         normal = np.eye(self._fitted.size)
         columns = self.columns
         _add_products(columns.indptr, columns.indices, columns.data, normal)
         least = ROUNDING * len(normal) * float(np.max(np.diag(normal)))
         if least > 1.0:
             normal[np.diag_indices_from(normal)] += least
-        return cho_factor(normal, lower=True, overwrite_a=True)
+        return normal
+
+    @cached_property
+    def factor(self) -> tuple[Floats, bool]:
+        """Their Cholesky factor."""
+        return cho_factor(self.normal, lower=True)
 
     @cached_property
     def former(self) -> csr_array:

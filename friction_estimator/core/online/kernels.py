@@ -54,8 +54,8 @@ MISFIT_MEMORY = 5000.0
 GROW_AFTER = 20
 """Samples in a row beyond an edge of the range after which it grows: a wild velocity is alone."""
 
-DECIDED_AFTER = 12
-"""The first of these, which say how far. While the others come a live estimator gets ready, in as many pauses as
+DECIDED_AFTER = 4
+"""The first of these, which say how far. While the others come a live estimator gets ready, in more pauses than
 `growth.Growth` has parts."""
 
 

@@ -8,7 +8,8 @@ samples at once, a load, extension terms, a table for theory) goes through those
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from friction_estimator.core.addresses import Addresses
 from friction_estimator.core.intake.admission import Intake
 from friction_estimator.core.intake.pairing import HELD, Pairs
 from friction_estimator.core.model.basis import WaveletBasis
+from friction_estimator.core.model.structure import Model
 from friction_estimator.core.model.theory_seal import SealCurve
 from friction_estimator.core.model.theory_stribeck import StribeckCurve
 from friction_estimator.core.online import kernels
@@ -30,11 +32,14 @@ from friction_estimator.core.online.single import (
     receive,
     sample_table,
 )
+from friction_estimator.core.online.workspace import Workspace
 from friction_estimator.core.sample import Samples, in_sequence
 from friction_estimator.core.settings.config import Config
 
 CAPACITY = 128
 """Events taken at once at the most."""
+
+NOTHING = Addresses([], [])
 
 Prediction = tuple[int, float, float, float, float]
 """Stamp (ns), velocity (m/s), measured friction (N), predicted friction (N), its standard deviation (N)."""
@@ -47,6 +52,23 @@ class Events:
         self.stream = np.zeros(CAPACITY, np.int64)
         self.stamp_ns = np.zeros(CAPACITY, np.int64)
         self.value = np.zeros(CAPACITY)
+
+
+@dataclass(frozen=True)
+class _Connected:
+    """A work space, the settings, and what the kernels take for one sample.
+
+    Attributes
+    ----------
+    usual : whether samples can be taken alone; else the tables are empty.
+    sample, batch : of `single` and of `kernels.run`.
+    """
+
+    work: Workspace
+    config: Config
+    usual: bool
+    sample: Addresses
+    batch: Addresses
 
 
 class LiveStep(Events):
@@ -97,9 +119,10 @@ class LiveStep(Events):
         self._stamp, self._velocity, self._friction, self._held = stamp[:1], velocity[:1], friction[:1], held[:1]
         self._status, self._restart = np.zeros(1, np.int8), np.zeros(1, np.bool_)
         self._outcome = np.zeros(4)
-        self._usual = False
+        self._now: _Connected | None = None
+        self._ahead: _Connected | None = None
+        self._sample, self._usual = NOTHING, False  # nothing is taken alone yet
         self._grows: Estimator | None = None
-        self._sample = Addresses([], [])  # nothing is taken alone yet
         self._connect(intake)
         if estimator is None and config.is_met:
             self.estimator = build(config)
@@ -110,6 +133,7 @@ class LiveStep(Events):
 
     def retuned(self) -> None:
         """Notice that the intake was retuned."""
+        self._now = self._ahead = None
         self._connect(self.intake)
         if self.estimator is not None:
             self._refresh(self.estimator)
@@ -135,7 +159,10 @@ class LiveStep(Events):
         """
         self._grow()
         estimator = self.estimator
-        if estimator is not None and (estimator.work is not self._work or estimator.config is not self._config):
+        now = self._now
+        if estimator is not None and (
+            now is None or now.work is not estimator.work or now.config is not estimator.config
+        ):
             self._refresh(estimator)
         alone = self._usual and most is None and not self.behind
         joined = receive(self._events.table, self._sample.table, count, alone, learn)
@@ -171,7 +198,9 @@ class LiveStep(Events):
         if self._grows is not None:
             self._grow()
         elif self.estimator is not None and self.estimator.may_grow_soon:
-            self.estimator.prepare()
+            growth = self.estimator.prepare()
+            if growth is not None and (self._ahead is None or self._ahead.work is not growth.larger):
+                self._ahead = self._connected(growth.after, growth.larger, growth.config)
 
     def _grow(self) -> None:
         """Let the range grow where the last sample asked for it."""
@@ -230,17 +259,25 @@ class LiveStep(Events):
 
     def _refresh(self, estimator: Estimator) -> None:
         """Take over what may have been exchanged since the last sample: model, work space, settings."""
-        model, config = estimator.model, estimator.config
-        self._model, self._work, self._config = model, estimator.work, config
+        now, self._ahead = self._ahead, None
+        if now is None or now.work is not estimator.work or now.config is not estimator.config:
+            now = self._connected(estimator.model, estimator.work, estimator.config)
+        self._now = now
+        self._sample, self._usual, self._unit = now.sample, now.usual, estimator.model.unit_N
+        if self._usual:
+            self._arguments = estimator.law.number, now.batch.table, estimator.work.addresses.table
+
+    def _connected(self, model: Model, work: Workspace, config: Config) -> _Connected:
+        """Return tables for one sample of a model."""
         basis, curve = model.basis, model.theory
-        self._usual = (
+        usual = (
             model.extension is None
             and self.intake.plain
             and isinstance(basis, WaveletBasis)
             and isinstance(curve, SealCurve | StribeckCurve | None)
         )
-        if not isinstance(basis, WaveletBasis) or not self._usual:
-            return
+        if not isinstance(basis, WaveletBasis) or not usual:
+            return _Connected(work, config, False, NOTHING, NOTHING)
         index, row, cell = np.zeros((1, basis.width), np.int32), np.zeros((1, basis.width)), np.zeros(1, np.int64)
         nothing = np.zeros((1, 0))
         given = config.theory
@@ -255,8 +292,9 @@ class LiveStep(Events):
         velocity, predicted, deviation = (
             self._outcome[place : place + 1] for place in (VELOCITY, PREDICTED, DEVIATION)
         )
-        shared = {name: np.zeros(1) for name in ("theory", "target", "beyond")} | {"learn": np.zeros(1, np.bool_)}
-        self._sample = sample_table(
+        shared: dict[str, Any] = {name: np.zeros(1) for name in ("theory", "target", "beyond")}
+        shared["learn"] = np.zeros(1, np.bool_)
+        sample = sample_table(
             basis.row_arguments(velocity, index, row, cell),
             curve if isinstance(curve, SealCurve | StribeckCurve) else None,
             settings,
@@ -266,7 +304,7 @@ class LiveStep(Events):
             outcome=self._outcome,
             **shared,
         )
-        self._batch = kernels.SAMPLES.addresses(
+        batch = kernels.SAMPLES.addresses(
             index=index,
             value=row,
             cell=cell,
@@ -279,8 +317,7 @@ class LiveStep(Events):
             deviation=deviation,
             **shared,
         )
-        self._arguments = estimator.law.number, self._batch.table, self._work.addresses.table
-        self._unit = model.unit_N
+        return _Connected(work, config, True, sample, batch)
 
     def _step(self, estimator: Estimator) -> Prediction:
         """Predict and learn from the one sample that was received."""

@@ -13,6 +13,9 @@ from friction_estimator.core import sums
 from friction_estimator.core.sample import Floats, Samples
 from friction_estimator.core.settings.config import Config
 
+CHOSEN_UNITS = ("learned.velocity_range", "learned.velocity_scale", "learned.force_unit")
+"""Settings that are chosen so."""
+
 REVERSALS, REVERSAL_LEVEL = 2, 0.3
 """Reversals that end the contact, and the share of the largest robust speed that each has to reach on both sides."""
 
