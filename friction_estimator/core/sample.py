@@ -39,6 +39,8 @@ class Samples:
     acceleration_m_s2 : (n,) float64 or None, of the same instant, from velocity (`intake.acceleration`), m/s^2; made
         where `load.terms` needs it.
     acceleration_variance : (n,) float64 or None, of the noise in it, (m/s^2)^2.
+    acceleration_doubt : (n,) float64 or None, square of what a corner of the velocity may have done to it, (m/s^2)^2; 0
+        where there is no sign of one.
     """
 
     stamp_ns: Ints
@@ -51,6 +53,7 @@ class Samples:
     position_shift_m: Floats | None = None
     acceleration_m_s2: Floats | None = None
     acceleration_variance: Floats | None = None
+    acceleration_doubt: Floats | None = None
 
     def __post_init__(self) -> None:
         n = self.stamp_ns.size

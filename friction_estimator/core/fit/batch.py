@@ -14,6 +14,8 @@ from friction_estimator.core.fit.band import Curve, errors_by_cell, median_condi
 from friction_estimator.core.fit.load_report import LearnedLoad, learned_loads
 from friction_estimator.core.fit.moments import fitted, gather
 from friction_estimator.core.fit.posterior import Posterior, settle
+import os
+DOUBTFUL = float(os.environ.get("DOUBTFUL", "0.05"))
 from friction_estimator.core.metrics import nrmse
 from friction_estimator.core.model.prediction import delay_lines, predict_fixed
 from friction_estimator.core.model.prior import Prior
@@ -140,12 +142,19 @@ def fit_batch(
     draws = np.random.default_rng(seed).standard_normal((RANDOM_STARTS, taps))
     starts = [prior.mean[:taps], *(prior.mean[:taps] + prior.root[:taps, :taps] @ draw for draw in draws)]
     parameters = model.split(prior.mean)
-    for _ in range(LOAD_ROUNDS if model.load.follows else 1):
+    clear: Bools | None = None
+    rounds = LOAD_ROUNDS if model.load.follows else 1
+    while rounds:
+        rounds -= 1
         moments = gather(model, samples, use, ridge=0.0, load_weights=parameters.load_weights)
         posterior, first = settle(moments, prior, 1.0 - config.rls.forgetting_factor, starts[0])
         ends = sorted([first, *(posterior.minimum(start) for start in starts[1:])], key=posterior.cost)
         theta = posterior.compensated(ends[0])
         parameters = model.split(theta)
+        if not rounds and clear is None:
+            clear = _clear(model, samples, parameters.load_weights, 2.0 * moments.cost(theta))
+            if clear is not None:
+                use, rounds = np.asarray(use) & clear, 1
     predicted = predict(samples, config, parameters, extension)
     used = fitted(model, samples, use)
     measured = samples.friction_N
@@ -167,6 +176,18 @@ def fit_batch(
             model.basis, samples.velocity_m_s, lambda part: error(part) / model.unit_N, used, samples.restart
         ),
     )
+
+
+def _clear(model: Model, samples: Samples, load_weights: Floats, power: float) -> Bools | None:
+    """Return which samples no corner of the velocity has spoilt, (n,), or None: none has."""
+    if samples.acceleration_doubt is None or not samples.acceleration_doubt.any():
+        return None
+    clear = np.ones(len(samples), np.bool_)
+    for part in sums.parts(len(samples)):
+        doubt = model.load.doubt(samples[part])
+        if doubt.size:
+            clear[part] = doubt @ np.append(load_weights**2, 1.0) <= DOUBTFUL * power
+    return None if clear.all() else clear
 
 
 def predict(samples: Samples, config: Config, parameters: Parameters, extension: Extension | None = None) -> Floats:

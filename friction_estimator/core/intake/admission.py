@@ -46,8 +46,8 @@ class Intake:
         self.pairer.follow(config.input)
         self.load = LoadTerms(config)
         self._position = PositionIntegral() if self.load.needs("position") else None
-        width, corners = config.load.half_width, config.load.corners
-        self._acceleration = AccelerationFilter(width, corners) if self.load.needs("acceleration") else None
+        width = config.load.half_width
+        self._acceleration = AccelerationFilter(width) if self.load.needs("acceleration") else None
 
     @property
     def admitted(self) -> int:

@@ -329,6 +329,23 @@ class LoadTerms:
                     out[:, i] = samples.acceleration_variance * self._without_dimension(part) ** 2
         return np.minimum(out, LARGEST_COLUMN**2)
 
+    def doubt(self, samples: Samples) -> Floats:
+        """Return the square of what corners of the velocity may have done to `columns` and, last, to the known load.
+
+        (n, size + 1), without dimension, the last in force units squared; (n, 0) where no term needs the acceleration.
+        """
+        if samples.acceleration_doubt is None or not self.needs("acceleration"):
+            return np.zeros((len(samples), 0))
+        factors = np.zeros(self.size + 1)
+        for i, part in enumerate(self.unknown):
+            if part.load.needs == "acceleration":
+                factors[i] = self._without_dimension(part)
+        for part in self.known:
+            if part.load.needs == "acceleration":
+                assert part.value is not None
+                factors[-1] += part.value / self._unit_N
+        return np.minimum(samples.acceleration_doubt[:, None] * factors**2, LARGEST_COLUMN**2)
+
     def force_N(self, samples: Samples, weights: Floats) -> Floats:
         """Return the force of the unknown terms, (n,), N, their coefficients `weights`, (size,), in force units."""
         columns = self.columns(samples)

@@ -56,7 +56,8 @@ PLAUSIBLE_SCALE = 30.0
 class Inputs:
     """A batch of samples in normalised units, as the compiled loops take it.
 
-    `noise` is the variance of that in the load's columns; `known` the known load, (n, 1), where friction follows the
+    `noise` is the variance of that in the load's columns, `doubt` what corners of the velocity may have done to them
+    (`LoadTerms.doubt`); `known` the known load, (n, 1), where friction follows the
     load, else (n, 0).
     """
 
@@ -65,6 +66,7 @@ class Inputs:
     theory: Floats
     extension: Floats
     noise: Floats
+    doubt: Floats
     known: Floats
     target: Floats
     restart: Bools
@@ -252,6 +254,7 @@ class Model:
             theory=theory / unit,
             extension=np.ascontiguousarray(beside),
             noise=self.load.noise(samples),
+            doubt=self.load.doubt(samples),
             known=self.load.known_N(samples)[:, None] / unit if self.load.follows else np.zeros((len(samples), 0)),
             target=samples.friction_N / unit,
             restart=samples.restart,

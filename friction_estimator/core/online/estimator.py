@@ -31,7 +31,7 @@ STATE_WITHOUT_THEORY = 4
 STATE_WITHOUT_KEPT = 3
 """The one before: no models kept aside either, and three more moments of an alarm that is no more."""
 
-SINCE_THE_LOAD = ("load.terms", "load.half_width", "load.corners")
+SINCE_THE_LOAD = ("load.terms", "load.half_width")
 """Settings that states from before there were loads, or corners, do not name: those were learned without."""
 
 STRUCTURE = (

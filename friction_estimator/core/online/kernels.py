@@ -48,6 +48,10 @@ LEAST_EXCITATION, LARGEST_EXCITATION = 1e-14, 1e14
 KNOWN_LEVERAGE = 0.1
 """Errors where x' P x is larger tell of what was not learned yet, not of what cannot be: the band leaves them out."""
 
+import os
+DOUBTFUL = float(os.environ.get("DOUBTFUL", "0.05"))
+"""Of the usual error power: a corner of the velocity that may do more than that to a sample is not learned from."""
+
 MISFIT_MEMORY = 5000.0
 """Samples over which the power of known errors is averaged."""
 
@@ -88,6 +92,18 @@ def noise_in(theta, shape, column_noise):  # type: ignore[no-untyped-def] # prag
     return total
 
 
+@njit(cache=True, forceinline=True)
+def doubt_in(theta, shape, column_doubt):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return the square of what corners of the velocity may have done to a prediction and its target."""
+    if column_doubt.size == 0:
+        return 0.0
+    start = theta.size - shape[EXTENSIONS]
+    total = column_doubt[column_doubt.size - 1]
+    for load in range(column_doubt.size - 1):
+        total += theta[start + load] * theta[start + load] * column_doubt[load]
+    return total
+
+
 SAMPLES = Layout(
     index=np.int32,
     value=np.float64,
@@ -97,6 +113,7 @@ SAMPLES = Layout(
     theory=np.float64,
     extension=np.float64,
     column_noise=np.float64,
+    column_doubt=np.float64,
     known=np.float64,
     target=np.float64,
     restart=np.bool_,
@@ -130,6 +147,7 @@ def batch(inputs: Inputs, velocity: Floats, learn: Bools, predicted: Floats, dev
         "theory": inputs.theory,
         "extension": inputs.extension,
         "column_noise": inputs.noise,
+        "column_doubt": inputs.doubt,
         "known": inputs.known,
         "target": inputs.target,
         "restart": inputs.restart,
@@ -157,6 +175,7 @@ def run(law_number, samples, work):  # type: ignore[no-untyped-def] # pragma: no
     cell, beyond = ints(samples, _S.cell), floats(samples, _S.beyond)
     velocity, theory, target = floats(samples, _S.velocity), floats(samples, _S.theory), floats(samples, _S.target)
     extension, column_noise = float_rows(samples, _S.extension), float_rows(samples, _S.column_noise)
+    column_doubt = float_rows(samples, _S.column_doubt)
     known, restart, learn = float_rows(samples, _S.known), bools(samples, _S.restart), bools(samples, _S.learn)
     predicted, deviation = floats(samples, _S.predicted), floats(samples, _S.deviation)
 
@@ -216,14 +235,16 @@ def run(law_number, samples, work):  # type: ignore[no-untyped-def] # pragma: no
             open_variance += law[at.RESIDUAL_VARIANCE] * r
         variance += open_variance
         outside = EXTRAPOLATION * beyond[k]
-        deviation[k] = np.sqrt(variance + outside * outside)
+        doubt = doubt_in(theta, shape, column_doubt[k])
+        doubtful = doubt > DOUBTFUL * variance
+        deviation[k] = np.sqrt(variance + doubt + outside * outside)
         if holding:
             predicted[k] = held
-            deviation[k] = np.sqrt(held_variance + hold[at.HELD_POWER] + outside * outside)
+            deviation[k] = np.sqrt(held_variance + hold[at.HELD_POWER] + doubt + outside * outside)
         limit = CLIP * np.sqrt(moments[at.ERROR_POWER])
         clipped = min(max(error, -limit), limit)
         moving = abs(velocity[k]) > law[at.LEAST_SPEED]
-        if moving:
+        if moving and not doubtful:
             moments[at.ERROR_POWER] += (clipped * clipped - moments[at.ERROR_POWER]) / ERROR_MEMORY
             moments[at.ERROR_POWER] = max(moments[at.ERROR_POWER], LEAST_POWER)
         if beyond[k] > 0.0:
@@ -233,6 +254,9 @@ def run(law_number, samples, work):  # type: ignore[no-untyped-def] # pragma: no
                 return k + 1
             continue
         status[at.BEYOND] = 0
+        if doubtful:
+            status[at.FOLLOWS] = 0
+            continue
         if learn[k] and (standing or (law_number != LMS and stopping(rest, velocity[k], scale))):
             # Below breakaway friction is whatever holds the shaft: the band may know how much that is, the curve not.
             # lms, the paper's to the letter, learns until the rest is known.

@@ -311,6 +311,7 @@ class LiveStep(Events):
             velocity=velocity,
             extension=nothing,
             column_noise=nothing,
+            column_doubt=nothing,
             known=nothing,
             restart=self._restart,
             predicted=predicted,

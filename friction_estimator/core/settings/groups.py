@@ -301,11 +301,6 @@ class LoadConfig:
         low=1e-4,
         high=10.0,
     )
-    corners: bool = setting(
-        False,
-        "Whether the velocity has corners (triangle, trapezoids): where it has, the acceleration jumps and is not "
-        "rounded. Ramps have to be longer than half_width.",
-    )
 
 
 @dataclass(frozen=True)
