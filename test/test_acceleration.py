@@ -22,8 +22,8 @@ def samples_of(t, v):
     return Samples(np.round(t * 1e9).astype(np.int64), v, np.zeros(t.size), np.arange(t.size) == 0)
 
 
-def filtered(samples, sizes=None, corners=True):
-    given, parts, at = AccelerationFilter(HALF_WIDTH, corners), [], 0
+def filtered(samples, sizes=None):
+    given, parts, at = AccelerationFilter(HALF_WIDTH), [], 0
     for size in sizes or [len(samples)]:
         parts.append(given.push(samples[at : at + size]))
         at += size
@@ -87,12 +87,34 @@ def test_what_is_no_corner_stays_with_the_cubic(rate, kind):
     assert rms(change) < 0.35 * rms((plain - a)[inside])
 
 
-def test_without_being_asked_for_corners_are_the_cubics():
-    t = np.arange(400) / 1000.0
-    v = np.abs(t - 0.2)
-    rounded, inside = cubic(t, v)
-    found = filtered(samples_of(t, v), corners=False).acceleration_m_s2
-    np.testing.assert_allclose(found[inside], rounded[inside], atol=1e-9)
+@pytest.mark.parametrize("rate", [200.0, 1000.0])
+def test_where_two_corners_are_in_a_window_the_acceleration_is_in_doubt(rate):
+    """By about as much as it is off, and what is off by much is in doubt."""
+    rng = np.random.default_rng(5)
+    t = np.arange(round(20 * rate)) / rate
+    corners = np.cumsum(np.tile([0.02, 0.3], 60))  # ramps of 20 ms between constant speeds
+    heights = np.repeat(rng.uniform(-1.0, 1.0, 60), 2)
+    v = np.interp(t, corners, heights)
+    a = np.interp(t, corners[:-1] + 1e-9, np.diff(heights) / np.diff(corners)) * 0.0
+    for start, end, slope in zip(corners, corners[1:], np.diff(heights) / np.diff(corners), strict=False):
+        a[(t > start) & (t <= end)] = slope
+    found = filtered(samples_of(t, v + 0.003 * rng.standard_normal(t.size)))
+    inside = slice(round(0.5 * rate), -round(rate))
+    wrong, doubt = (found.acceleration_m_s2 - a)[inside], np.sqrt(found.acceleration_doubt[inside])
+    certain = doubt == 0.0
+    assert 0.5 < np.mean(certain) < 0.95
+    assert rms(wrong) > 0.1 * rms(a)
+    assert rms(wrong[certain]) < 0.3 * rms(wrong)
+    assert np.mean(np.abs(wrong[~certain]) < 4.0 * doubt[~certain]) > 0.9
+
+
+@pytest.mark.parametrize("kind", ["smooth", "triangle"])
+def test_what_is_followed_is_not_in_doubt(kind):
+    rng = np.random.default_rng(6)
+    t = np.arange(20_000) / 1000.0
+    v = np.sin(2 * np.pi * 0.7 * t) if kind == "smooth" else np.abs((t % 2.0) - 1.0)
+    found = filtered(samples_of(t, v + 0.003 * rng.standard_normal(t.size)))
+    assert np.mean(found.acceleration_doubt > 0.0) < 0.02
 
 
 def test_a_corner_without_noise_is_exact():
@@ -115,6 +137,7 @@ def test_corners_are_the_same_whatever_parts_the_samples_come_in():
         parts = filtered(samples, sizes)
         assert parts.acceleration_m_s2.tobytes() == whole.acceleration_m_s2.tobytes()
         assert parts.acceleration_variance.tobytes() == whole.acceleration_variance.tobytes()
+        assert parts.acceleration_doubt.tobytes() == whole.acceleration_doubt.tobytes()
 
 
 INERTIA, SIN, COS = 0.03, 1.1, -0.4
@@ -156,7 +179,6 @@ GIVEN = Config.from_mapping(
         "theory.kind": "none",
         "input.motion": "rotary",
         "load.terms": ["inertia", "gravity"],
-        "load.corners": True,
     }
 )
 

@@ -173,7 +173,16 @@ def test_what_takes_long_is_made_before_the_range_grows(monkeypatch):
     def late(*_: object, **__: object) -> None:
         raise AssertionError("made when it was needed")
 
-    for name in ("grown_model", "Prior.of", "prior_arrays", "cho_factor", "cho_solve", "_matrix", "placed", "constants"):
+    for name in (
+        "grown_model",
+        "Prior.of",
+        "prior_arrays",
+        "cho_factor",
+        "cho_solve",
+        "_matrix",
+        "placed",
+        "constants",
+    ):
         monkeypatch.setattr(f"friction_estimator.core.online.growth.{name}", late)
     assert estimator.health.grown == 0
     estimator.run(beyond(1, 0.02))

@@ -14,9 +14,8 @@ from friction_estimator.core.fit.band import Curve, errors_by_cell, median_condi
 from friction_estimator.core.fit.load_report import LearnedLoad, learned_loads
 from friction_estimator.core.fit.moments import fitted, gather
 from friction_estimator.core.fit.posterior import Posterior, settle
-import os
-DOUBTFUL = float(os.environ.get("DOUBTFUL", "0.05"))
 from friction_estimator.core.metrics import nrmse
+from friction_estimator.core.model.load import DOUBTFUL
 from friction_estimator.core.model.prediction import delay_lines, predict_fixed
 from friction_estimator.core.model.prior import Prior
 from friction_estimator.core.model.structure import CHUNK, Extension, Model, Parameters
@@ -141,20 +140,14 @@ def fit_batch(
     taps = int(model.shape[0])
     draws = np.random.default_rng(seed).standard_normal((RANDOM_STARTS, taps))
     starts = [prior.mean[:taps], *(prior.mean[:taps] + prior.root[:taps, :taps] @ draw for draw in draws)]
-    parameters = model.split(prior.mean)
-    clear: Bools | None = None
-    rounds = LOAD_ROUNDS if model.load.follows else 1
-    while rounds:
-        rounds -= 1
-        moments = gather(model, samples, use, ridge=0.0, load_weights=parameters.load_weights)
-        posterior, first = settle(moments, prior, 1.0 - config.rls.forgetting_factor, starts[0])
-        ends = sorted([first, *(posterior.minimum(start) for start in starts[1:])], key=posterior.cost)
-        theta = posterior.compensated(ends[0])
-        parameters = model.split(theta)
-        if not rounds and clear is None:
-            clear = _clear(model, samples, parameters.load_weights, 2.0 * moments.cost(theta))
-            if clear is not None:
-                use, rounds = np.asarray(use) & clear, 1
+    given = model, prior, samples, 1.0 - config.rls.forgetting_factor, starts
+    doubt = samples.acceleration_doubt
+    if doubt is not None and doubt.any() and fitted(model, samples, use & (doubt == 0.0)).any():
+        posterior, ends = _least(*given, use & (doubt == 0.0))
+        use = use & _told(posterior, posterior.compensated(ends[0]), model, samples)
+    posterior, ends = _least(*given, use)
+    theta = posterior.compensated(ends[0])
+    parameters = model.split(theta)
     predicted = predict(samples, config, parameters, extension)
     used = fitted(model, samples, use)
     measured = samples.friction_N
@@ -163,7 +156,7 @@ def fit_batch(
         return measured[part] - predicted[part]
 
     squares = (np.square(error(part)[used[part]]) for part in sums.parts(len(samples)))
-    freedom = max(1.0, moments.count - posterior.degrees_of_freedom(theta))
+    freedom = max(1.0, posterior.moments.count - posterior.degrees_of_freedom(theta))
     return BatchFit(
         model=model,
         posterior=posterior,
@@ -178,16 +171,32 @@ def fit_batch(
     )
 
 
-def _clear(model: Model, samples: Samples, load_weights: Floats, power: float) -> Bools | None:
-    """Return which samples no corner of the velocity has spoilt, (n,), or None: none has."""
-    if samples.acceleration_doubt is None or not samples.acceleration_doubt.any():
-        return None
-    clear = np.ones(len(samples), np.bool_)
+def _least(
+    model: Model, prior: Prior, samples: Samples, least_leverage: float, starts: list[Floats], use: Bools | bool
+) -> tuple[Posterior, list[Floats]]:
+    """Return the posterior of the samples in `use` and its stationary points, the most probable first."""
+    load_weights = model.split(prior.mean).load_weights
+    for _ in range(LOAD_ROUNDS if model.load.follows else 1):
+        moments = gather(model, samples, use, ridge=0.0, load_weights=load_weights)
+        posterior, first = settle(moments, prior, least_leverage, starts[0])
+        ends = sorted([first, *(posterior.minimum(start) for start in starts[1:])], key=posterior.cost)
+        load_weights = model.split(posterior.compensated(ends[0])).load_weights
+    return posterior, ends
+
+
+def _told(posterior: Posterior, theta: Floats, model: Model, samples: Samples) -> Bools:
+    """Return which samples the doubt about their acceleration leaves something to tell, (n,).
+
+    The usual error power is that of a fit to samples without any doubt.
+    """
+    most = DOUBTFUL * 2.0 * posterior.moments.cost(theta)
+    factors = np.append(np.square(model.split(theta).load_weights), 1.0)
+    told = np.ones(len(samples), np.bool_)
     for part in sums.parts(len(samples)):
         doubt = model.load.doubt(samples[part])
         if doubt.size:
-            clear[part] = doubt @ np.append(load_weights**2, 1.0) <= DOUBTFUL * power
-    return None if clear.all() else clear
+            told[part] = doubt @ factors <= most
+    return told
 
 
 def predict(samples: Samples, config: Config, parameters: Parameters, extension: Extension | None = None) -> Floats:

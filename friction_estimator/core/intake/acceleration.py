@@ -11,8 +11,8 @@ White velocity noise s at a step dt becomes 8.7 s sqrt(dt) / (2 half_width)^1.5 
 samples: a width in seconds, since noise in a column shrinks its coefficient, and more so the higher the rate. How
 noisy an acceleration is, the errors of its own cubic say: `acceleration_variance` goes with it.
 
-Where the acceleration jumps (a triangle, a trapezoid of velocity) a cubic over both sides rounds it. On request two
-lines that meet at a corner are fitted beside it (two-phase regression: Hinkley, J. Am. Stat. Assoc. 66 (1971) 736), one
+Where the acceleration jumps (a triangle, a trapezoid of velocity) a cubic over both sides rounds it. Two lines that
+meet at a corner are fitted beside it (two-phase regression: Hinkley, J. Am. Stat. Assoc. 66 (1971) 736), one
 pair for each step at which they may, and the derivative is the mean over cubic and pairs, each with its weight of
 evidence
 
@@ -21,6 +21,10 @@ evidence
 (E the sum of squared errors over the n samples of the window, k parameters; Hurvich and Tsai 1989, Burnham and Anderson
 2002): the mean of what the acceleration may be, and not the likeliest, does not shrink a coefficient
 (docs/decisions/0134-corners-of-the-velocity.md).
+
+Where none of these fits as well as one usually does, there are further corners (a ramp shorter than the window), and
+the acceleration may be off by far more than its noise. `acceleration_doubt` says by how much, and what is in doubt by
+more than it can teach is not learned from (docs/decisions/0150-a-doubtful-acceleration-teaches-nothing.md).
 """
 
 from dataclasses import replace
@@ -33,13 +37,22 @@ from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Ints, Sample
 DEGREE = 3
 """Of the polynomial: the acceleration's own curvature is followed."""
 
+RIVALS = (5, 7)
+"""Degrees that a corner has to stand up to as well. Their slopes are not taken: a smooth motion that is too fast for
+the cubic, or noise that is not white, is then no corner, and stays what the cubic makes of it."""
+
 LEAST = 2
 """Samples on either side that a window has at least, where the rate is low."""
 
+CORNER_ODDS = 0.01
+"""That the acceleration jumps within a window, before its samples were seen."""
+
+NEGLIGIBLE = 1e-3
+"""Weight of all corners together beside the cubic below which nothing is averaged."""
+
 CORNER = (0.5 / 0.0362) ** 2
 """Of a cubic over a corner in the middle of its window: the square of what its slope is off, over the mean square of
-what it leaves over the half width squared. Of a corner elsewhere it is less, down to nothing at 0.45 of the half
-width."""
+what it leaves over the half width squared. Of a corner elsewhere it is less."""
 
 BY_CHANCE = 4.0
 """Standard deviations by which the power of the errors has to lie above the usual one before it says anything."""
@@ -49,6 +62,12 @@ RATE = 0.02
 
 LEAST_SHARE = 1e-3
 """Of the usual power, below which a power is not counted: a shaft at rest has no noise."""
+
+NOISE_LIKE = 9.0
+"""Times their variance by noise, up to which slopes that differ say nothing."""
+
+ROUNDING = 1e-13
+"""Of the samples' own power: what errors are told apart down to."""
 
 
 @njit(cache=True)
@@ -101,43 +120,164 @@ def _polynomials(time, value, count, degree, now, before, told):  # type: ignore
 
 
 @njit(cache=True)
-def slopes(stamp_ns, velocity, restart, width_ns, usual, first, stop, out, variance, doubt):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def _corners(time, value, count, here, most, told):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Fill told[k], (3,), for a corner in each step: slope at sample `here`, spread, errors left. Return how many.
+
+    Those that leave errors of more than `most` are not told.
+
+    On either side of the step stands the line that fits the samples there best. Where the two do not meet within the
+    step, they are those that fit best among the lines that meet at its nearer end: with the gap d between the free
+    lines there, of variance s^2 D, the errors are d^2 / D more, and the slopes change by -cov(slope, d) d / (s^2 D).
+    Velocity does not jump: without this an encoder's stairs would be corners.
+    """
+    n = t = tt = v = tv = vv = 0.0  # of the samples before the corner
+    all_t = all_tt = all_v = all_tv = all_vv = 0.0
+    for j in range(count):
+        all_t += time[j]
+        all_tt += time[j] * time[j]
+        all_v += value[j]
+        all_tv += time[j] * value[j]
+        all_vv += value[j] * value[j]
+    found = 0
+    for j in range(count - 2):
+        n += 1.0
+        t += time[j]
+        tt += time[j] * time[j]
+        v += value[j]
+        tv += time[j] * value[j]
+        vv += value[j] * value[j]
+        if j == 0:
+            continue
+        after, after_t, after_v = count - n, all_t - t, all_v - v
+        power = tt - t * t / n
+        after_power = all_tt - tt - after_t * after_t / after
+        slope = (tv - t * v / n) / power
+        after_slope = (all_tv - tv - after_t * after_v / after) / after_power
+        left = vv - v * v / n - slope * slope * power
+        left += all_vv - vv - after_v * after_v / after - after_slope * after_slope * after_power
+        if left > most:
+            continue
+        spread, after_spread = 1.0 / power, 1.0 / after_power
+        # The gap between the lines at time c is gap + bend c.
+        bend = after_slope - slope
+        gap = (after_v - after_slope * after_t) / after - (v - slope * t) / n
+        if not min(-bend * time[j], -bend * time[j + 1]) <= gap <= max(-bend * time[j], -bend * time[j + 1]):
+            ends = gap + bend * time[j], gap + bend * time[j + 1]
+            corner = time[j] if abs(ends[0]) < abs(ends[1]) else time[j + 1]
+            arm, after_arm = corner - t / n, corner - after_t / after
+            apart = gap + bend * corner
+            loose = 1.0 / n + arm * arm * spread + 1.0 / after + after_arm * after_arm * after_spread
+            left += apart * apart / loose
+            if left > most:
+                continue
+            slope += arm * spread * apart / loose
+            after_slope -= after_arm * after_spread * apart / loose
+            spread -= (arm * spread) ** 2 / loose
+            after_spread -= (after_arm * after_spread) ** 2 / loose
+        is_before = here <= j
+        told[found, 0] = slope if is_before else after_slope
+        told[found, 1] = spread if is_before else after_spread
+        told[found, 2] = max(left, 0.0)
+        found += 1
+    return found
+
+
+@njit(cache=True)
+def _evidence(left, count, coefficients):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return -AICc / 2 but for a constant; the variance of the noise counts as a parameter."""
+    k = coefficients + 1.0
+    return -0.5 * count * np.log(left) - k - k * (k + 1.0) / (count - k - 1.0)
+
+
+@njit(cache=True)
+def slopes(stamp_ns, velocity, restart, width_ns, corners, usual, first, stop, out, variance, doubt):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Fill out[k] for samples first + k below `stop` with the derivative of the velocity, its variance and its doubt.
 
-    Windows end at restarts and at the ends of the arrays. The variance is that of white velocity noise of the power of
-    the errors, E / (n - 4); 0 where no sample is left over to tell it. `usual`, (1,), is the running median of that
-    power, updated in place; where one is larger by more than chance, a corner may lie in the window, and the doubt is
-    the square of what it may do to the slope.
+    Windows end at restarts and at the ends of the arrays. `corners` says whether the acceleration may jump. The
+    variance is that of white velocity noise of the power of the errors, E / (n - 4); 0 where no sample is left over to
+    tell it. `usual`, (1,), is the running median of that power, updated in place; where it is larger by more than
+    chance, further corners may lie in the window, and the doubt is the square of what they may do to the slope.
     """
     size = velocity.size
     time, value, now, before = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
-    told = np.empty((DEGREE + 1, 3))
+    smooth, pairs = np.empty((RIVALS[-1] + 1, 3)), np.empty((size, 3))
     for i in range(first, stop):
-        out[i - first] = variance[i - first] = doubt[i - first] = 0.0
         low, high = _window(stamp_ns, restart, width_ns, i)
         count = high - low + 1
         span = (stamp_ns[high] - stamp_ns[low]) / NS_PER_S
         if count < 2 or not span > 0.0:
+            out[i - first] = variance[i - first] = doubt[i - first] = 0.0
             continue
+        power = 0.0
         for j in range(count):
             time[j] = (stamp_ns[low + j] - stamp_ns[i]) / NS_PER_S / span
             value[j] = velocity[low + j] - velocity[i]
+            power += value[j] * value[j]
         degree = min(DEGREE, count - 1)
-        _polynomials(time, value, count, degree, now, before, told)
-        slope, spread, left = told[degree]
-        out[i - first] = slope / span
+        _polynomials(time, value, count, degree, now, before, smooth)
+        slope, spread, left = smooth[degree]
         free = count - degree - 1
-        if free <= 0:
-            continue
-        power = left / free
-        variance[i - first] = power * spread / (span * span)
+        errors = left / free if free > 0 else 0.0
+        noise, doubts = errors * spread, 0.0
+        # Two lines have as many coefficients as the cubic; AICc is finite where three samples are left over.
+        if corners and free >= DEGREE and power > 0.0:
+            floor = ROUNDING * power
+            # Beyond this all corners together weigh less than `NEGLIGIBLE` beside the cubic.
+            most = (left + floor) * (CORNER_ODDS / NEGLIGIBLE) ** (2.0 / count)
+            found = _corners(time, value, count, i - low, most, pairs)
+            if found > 0:
+                slope, noise, errors, doubts = _averaged(
+                    time, value, count, now, before, smooth, pairs[:found], floor, slope, noise, free
+                )
         if usual[0] > 0.0:
-            if power > usual[0] * (1.0 + BY_CHANCE * np.sqrt(2.0 / free)):
-                doubt[i - first] = CORNER * (power - usual[0]) / (0.25 * span * span)
-            if power > LEAST_SHARE * usual[0]:
-                usual[0] *= np.exp(RATE if power > usual[0] else -RATE)
+            if errors > usual[0] * (1.0 + BY_CHANCE * np.sqrt(2.0 / max(free, 1))):
+                doubts += 4.0 * CORNER * (errors - usual[0])  # the half width is half of the span
+            if errors > LEAST_SHARE * usual[0]:
+                usual[0] *= np.exp(RATE if errors > usual[0] else -RATE)
         else:
-            usual[0] = power
+            usual[0] = errors
+        out[i - first] = slope / span
+        variance[i - first] = noise / (span * span)
+        doubt[i - first] = doubts / (span * span)
+
+
+@njit(cache=True)
+def _averaged(time, value, count, now, before, smooth, corners, floor, slope, noise, free):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return slope, its variance and the power of the errors as means over the cubic and the corners, by evidence.
+
+    And by how much the slopes differ more than noise lets them: their mean square distance from the one that is taken
+    less `NOISE_LIKE` times their own mean variance, 0 at the least.
+    """
+    most = min(RIVALS[-1], count - 4)  # the highest degree whose AICc is finite
+    _polynomials(time, value, count, most, now, before, smooth)
+    prior = np.log(CORNER_ODDS / count)
+    best = prior + _evidence(np.min(corners[:, 2]) + floor, count, DEGREE + 1)
+    for degree in (DEGREE, *RIVALS):
+        if degree <= most:
+            best = max(best, _evidence(smooth[degree, 2] + floor, count, degree + 1))
+    cubic = slope
+    total, left, apart, alone = 0.0, 0.0, 0.0, 0.0
+    for degree in (DEGREE, *RIVALS):
+        if degree <= most:
+            weight = np.exp(_evidence(smooth[degree, 2] + floor, count, degree + 1) - best)
+            errors = smooth[degree, 2] / (count - degree - 1)
+            total += weight
+            left += weight * errors
+            apart += weight * (smooth[degree, 0] - cubic) ** 2
+            alone += weight * errors * smooth[degree, 1]
+    slope, noise = total * cubic, total * noise
+    for k in range(corners.shape[0]):
+        weight = np.exp(prior + _evidence(corners[k, 2] + floor, count, DEGREE + 1) - best)
+        errors = corners[k, 2] / free
+        total += weight
+        left += weight * errors
+        slope += weight * corners[k, 0]
+        noise += weight * errors * corners[k, 1]
+        apart += weight * (corners[k, 0] - cubic) ** 2
+        alone += weight * errors * corners[k, 1]
+    slope /= total
+    apart = apart / total - (slope - cubic) ** 2
+    return slope, noise / total, left / total, max(0.0, apart - NOISE_LIKE * alone / total)
 
 
 class AccelerationFilter:
@@ -186,10 +326,11 @@ class AccelerationFilter:
 
     def _take(self, whole: Samples, done: int) -> Samples:
         out, variance, doubt = np.empty((3, done - self._past))
-        given = whole.stamp_ns, whole.velocity_m_s, whole.restart, self._width_ns, self._usual
+        given = whole.stamp_ns, whole.velocity_m_s, whole.restart, self._width_ns, True, self._usual
         slopes(*given, self._past, done, out, variance, doubt)
-        made = {"acceleration_m_s2": out, "acceleration_variance": variance, "acceleration_doubt": doubt}
-        ready = replace(whole[self._past : done], **made)
+        ready = replace(
+            whole[self._past : done], acceleration_m_s2=out, acceleration_variance=variance, acceleration_doubt=doubt
+        )
         next_ = min(done, len(whole) - 1)
         near = np.flatnonzero(np.abs(whole.stamp_ns - whole.stamp_ns[next_ : next_ + 1]) <= self._width_ns)
         # Further back than the window of the next reaches, or than its least number of samples.

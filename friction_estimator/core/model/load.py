@@ -27,6 +27,9 @@ from friction_estimator.core.settings.config import Config
 LARGEST_COEFFICIENT = 1e12
 """No load is heavier, stiffer or larger, in SI units."""
 
+DOUBTFUL = 0.05
+"""Of the usual error power: a sample to which the doubt about its acceleration may do more is not learned from."""
+
 LARGEST_COLUMN = 1e6
 """Largest dimensionless column: a wild velocity must not become an acceleration that no arithmetic survives."""
 
@@ -330,7 +333,7 @@ class LoadTerms:
         return np.minimum(out, LARGEST_COLUMN**2)
 
     def doubt(self, samples: Samples) -> Floats:
-        """Return the square of what corners of the velocity may have done to `columns` and, last, to the known load.
+        """Return the square of what the doubt about the acceleration makes of `columns` and, last, of the known load.
 
         (n, size + 1), without dimension, the last in force units squared; (n, 0) where no term needs the acceleration.
         """

@@ -24,6 +24,7 @@ from friction_estimator.core.addresses import (
 )
 from friction_estimator.core.fit.band import EXTRAPOLATION, note_error, usual_variance
 from friction_estimator.core.intake.standstill import stands, stopping
+from friction_estimator.core.model.load import DOUBTFUL
 from friction_estimator.core.model.prediction import EXTENSIONS, TAPS, push, regress, rubbing
 from friction_estimator.core.model.structure import Inputs
 from friction_estimator.core.online import workspace as at
@@ -47,10 +48,6 @@ LEAST_EXCITATION, LARGEST_EXCITATION = 1e-14, 1e14
 
 KNOWN_LEVERAGE = 0.1
 """Errors where x' P x is larger tell of what was not learned yet, not of what cannot be: the band leaves them out."""
-
-import os
-DOUBTFUL = float(os.environ.get("DOUBTFUL", "0.05"))
-"""Of the usual error power: a corner of the velocity that may do more than that to a sample is not learned from."""
 
 MISFIT_MEMORY = 5000.0
 """Samples over which the power of known errors is averaged."""

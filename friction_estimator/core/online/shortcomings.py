@@ -218,17 +218,19 @@ def _speeds(share: float) -> Shortcoming:
 
 
 def _motion(samples: Samples, top_m_s: float) -> SampleMotion:
-    acceleration, variance = np.empty((2, len(samples)))
+    acceleration, variance, doubt = np.empty((3, len(samples)))
     slopes(
         samples.stamp_ns,
         samples.velocity_m_s,
         samples.restart,
         HALF_WIDTH_NS,
         False,
+        np.zeros(1),
         0,
         len(samples),
         acceleration,
         variance,
+        doubt,
     )
     position = None if samples.position_m is None else np.nan_to_num(samples.position_m)
     return SampleMotion(replace(samples, acceleration_m_s2=acceleration, position_m=position), top_m_s)
