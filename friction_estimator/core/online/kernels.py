@@ -32,6 +32,7 @@ from friction_estimator.core.online.lms import LMS, learn_lms
 from friction_estimator.core.online.nlms import NLMS, learn_nlms
 from friction_estimator.core.online.recovery import FORMER, HELD, alarming, begin_hold, judge, predicted_by, surprise_of
 from friction_estimator.core.online.rls import PULL_EVERY, RLS, learn_rls, mistaken, project, pull, without_noise
+from friction_estimator.core.online.steps import dot
 from friction_estimator.core.sample import Bools, Floats
 
 CLIP = 6.0
@@ -90,14 +91,22 @@ def noise_in(theta, shape, column_noise):  # type: ignore[no-untyped-def] # prag
 
 
 @njit(cache=True, forceinline=True)
-def doubt_in(theta, shape, column_doubt):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Return the square of what corners of the velocity may have done to a prediction and its target."""
-    if column_doubt.size == 0:
-        return 0.0
-    start = theta.size - shape[EXTENSIONS]
-    total = column_doubt[column_doubt.size - 1]
-    for load in range(column_doubt.size - 1):
-        total += theta[start + load] * theta[start + load] * column_doubt[load]
+def doubt_in(theta, shape, column_doubt, root, law):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return the square of what the doubt about the acceleration does to a prediction and its target.
+
+    Of a coefficient the mean square counts, theta_j^2 + P_jj: a load that nothing is known of yet may be large.
+    """
+    total = 0.0
+    for load in range(column_doubt.size):
+        if column_doubt[load] > 0.0:
+            if load == column_doubt.size - 1:  # that of the known load
+                total += column_doubt[load]
+                continue
+            place = theta.size - shape[EXTENSIONS] + load
+            square = theta[place] * theta[place]
+            if root.shape[0] > 0:
+                square += law[at.RESIDUAL_VARIANCE] * dot(root[place], root[place])
+            total += square * column_doubt[load]
     return total
 
 
@@ -232,7 +241,7 @@ def run(law_number, samples, work):  # type: ignore[no-untyped-def] # pragma: no
             open_variance += law[at.RESIDUAL_VARIANCE] * r
         variance += open_variance
         outside = EXTRAPOLATION * beyond[k]
-        doubt = doubt_in(theta, shape, column_doubt[k])
+        doubt = doubt_in(theta, shape, column_doubt[k], root, law)
         doubtful = doubt > DOUBTFUL * variance
         deviation[k] = np.sqrt(variance + doubt + outside * outside)
         if holding:
