@@ -83,8 +83,10 @@ def test_what_is_no_corner_stays_with_the_cubic(rate, kind):
         v = v + 0.05 * np.sin(2 * np.pi * 25.0 * t) + 0.01 * noise
         a = a + 2.5 * np.pi * np.cos(2 * np.pi * 25.0 * t)
     plain, inside = cubic(t, v)
-    change = (filtered(samples_of(t, v)).acceleration_m_s2 - plain)[inside]
-    assert rms(change) < 0.35 * rms((plain - a)[inside])
+    found = filtered(samples_of(t, v)).acceleration_m_s2
+    assert rms((found - a)[inside]) < 1.1 * rms((plain - a)[inside])
+    if kind != "fast":  # which may be followed better
+        assert rms((found - plain)[inside]) < 0.35 * rms((plain - a)[inside])
 
 
 @pytest.mark.parametrize("rate", [200.0, 1000.0])

@@ -38,8 +38,9 @@ DEGREE = 3
 """Of the polynomial: the acceleration's own curvature is followed."""
 
 RIVALS = (5, 7)
-"""Degrees that a corner has to stand up to as well. Their slopes are not taken: a smooth motion that is too fast for
-the cubic, or noise that is not white, is then no corner, and stays what the cubic makes of it."""
+"""Degrees that a corner has to stand up to as well. Their slopes are taken only where the errors of cubic and corners
+are larger than they usually are: a motion that is always too fast for the cubic, or noise that is not white, is then no
+corner, and stays what the cubic makes of it."""
 
 LEAST = 2
 """Samples on either side that a window has at least, where the rate is low."""
@@ -54,14 +55,27 @@ CORNER = (0.5 / 0.0362) ** 2
 """Of a cubic over a corner in the middle of its window: the square of what its slope is off, over the mean square of
 what it leaves over the half width squared. Of a corner elsewhere it is less."""
 
-BY_CHANCE = 4.0
-"""Standard deviations by which the power of the errors has to lie above the usual one before it says anything."""
+BY_CHANCE = 3.0
+"""Standard deviations by which the logarithm of the errors' power has to lie above the usual one to say anything."""
 
-RATE = 0.02
-"""Relative step of the running median, a sample."""
+STRONG = 2.0
+"""Times that power, above which it is no noise of whatever colour: the higher polynomials' slopes are taken then."""
 
-LEAST_SHARE = 1e-3
-"""Of the usual power, below which a power is not counted: a shaft at rest has no noise."""
+MEMORY = 40.0
+"""Windows over which the usual one is averaged."""
+
+ROBUST = 0.5
+"""Distance beyond which a logarithm pulls no more at its average: corners are few, and far above."""
+
+SLOWLY = 0.1
+"""Share at which errors that are not usual change what is: noise may come to be another."""
+
+LOWER_HALF = 2.5
+"""Standard deviations of a normal distribution in the mean of its distances below the mean, 0 above."""
+
+MOVES = 9.0
+"""Mean square of the velocity in a window over that of the errors, above which the shaft moves: noise at rest may be
+another."""
 
 NOISE_LIKE = 9.0
 """Times their variance by noise, up to which slopes that differ say nothing."""
@@ -193,20 +207,19 @@ def _evidence(left, count, coefficients):  # type: ignore[no-untyped-def] # prag
 def slopes(stamp_ns, velocity, restart, width_ns, corners, usual, first, stop, out, variance, doubt):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Fill out[k] for samples first + k below `stop` with the derivative of the velocity, its variance and its doubt.
 
-    Windows end at restarts and at the ends of the arrays. `corners` says whether the acceleration may jump. The
-    variance is that of white velocity noise of the power of the errors, E / (n - 4); 0 where no sample is left over to
-    tell it. `usual`, (1,), is the running median of that power, updated in place; where it is larger by more than
-    chance, further corners may lie in the window, and the doubt is the square of what they may do to the slope.
+    Windows end at restarts and at the ends of the arrays. `corners` says whether the acceleration may jump; `usual`,
+    (3,), is what `_is_usual` remembers. The variance is that of white velocity noise of the power of the errors,
+    E / (n - 4), 0 where no sample is left over to tell it; the doubt is 0 where that power is the usual one.
     """
     size = velocity.size
     time, value, now, before = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
-    smooth, pairs = np.empty((RIVALS[-1] + 1, 3)), np.empty((size, 3))
+    smooth, pairs, told = np.empty((RIVALS[-1] + 1, 3)), np.empty((size, 3)), np.empty(4)
     for i in range(first, stop):
+        out[i - first] = variance[i - first] = doubt[i - first] = 0.0
         low, high = _window(stamp_ns, restart, width_ns, i)
         count = high - low + 1
         span = (stamp_ns[high] - stamp_ns[low]) / NS_PER_S
         if count < 2 or not span > 0.0:
-            out[i - first] = variance[i - first] = doubt[i - first] = 0.0
             continue
         power = 0.0
         for j in range(count):
@@ -218,66 +231,106 @@ def slopes(stamp_ns, velocity, restart, width_ns, corners, usual, first, stop, o
         slope, spread, left = smooth[degree]
         free = count - degree - 1
         errors = left / free if free > 0 else 0.0
-        noise, doubts = errors * spread, 0.0
+        told[:] = slope, errors * spread, errors, 0.0
         # Two lines have as many coefficients as the cubic; AICc is finite where three samples are left over.
         if corners and free >= DEGREE and power > 0.0:
             floor = ROUNDING * power
             # Beyond this all corners together weigh less than `NEGLIGIBLE` beside the cubic.
             most = (left + floor) * (CORNER_ODDS / NEGLIGIBLE) ** (2.0 / count)
-            found = _corners(time, value, count, i - low, most, pairs)
-            if found > 0:
-                slope, noise, errors, doubts = _averaged(
-                    time, value, count, now, before, smooth, pairs[:found], floor, slope, noise, free
-                )
-        if usual[0] > 0.0:
-            if errors > usual[0] * (1.0 + BY_CHANCE * np.sqrt(2.0 / max(free, 1))):
-                doubts += 4.0 * CORNER * (errors - usual[0])  # the half width is half of the span
-            if errors > LEAST_SHARE * usual[0]:
-                usual[0] *= np.exp(RATE if errors > usual[0] else -RATE)
-        else:
-            usual[0] = errors
-        out[i - first] = slope / span
-        variance[i - first] = noise / (span * span)
-        doubt[i - first] = doubts / (span * span)
+            found = pairs[: _corners(time, value, count, i - low, most, pairs)]
+            if found.shape[0] > 0:
+                _polynomials(time, value, count, min(RIVALS[-1], count - 4), now, before, smooth)
+                _average(smooth, found, count, floor, False, told)
+            moves = np.mean(np.square(velocity[low : high + 1])) > MOVES * told[ERRORS]
+            if moves and not _is_usual(usual, told[ERRORS], count):
+                most = _most_usual(usual, count)
+                if told[ERRORS] > STRONG * most:
+                    if found.shape[0] == 0:
+                        _polynomials(time, value, count, min(RIVALS[-1], count - 4), now, before, smooth)
+                    _average(smooth, found, count, floor, True, told)
+                # What is left may be a further corner; the half width is half of the span.
+                doubt[i - first] = 4.0 * CORNER * max(0.0, told[ERRORS] - np.exp(usual[0]))
+            doubt[i - first] += told[APART]
+        out[i - first] = told[SLOPE] / span
+        variance[i - first] = told[NOISE] / (span * span)
+        doubt[i - first] /= span * span
+
+
+SLOPE, NOISE, ERRORS, APART = range(4)
+"""What is told of a window: the slope, its variance by noise, the errors' power, and by how much slopes differ."""
 
 
 @njit(cache=True)
-def _averaged(time, value, count, now, before, smooth, corners, floor, slope, noise, free):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Return slope, its variance and the power of the errors as means over the cubic and the corners, by evidence.
+def _average(smooth, corners, count, floor, exceptional, told):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Fill `told`, (4,), with means over polynomials and corners, each by its evidence.
 
-    And by how much the slopes differ more than noise lets them: their mean square distance from the one that is taken
-    less `NOISE_LIKE` times their own mean variance, 0 at the least.
+    The higher polynomials have a slope of their own in an `exceptional` window only, and the cubic's in others (see
+    `RIVALS`). The last of `told` is by how much the slopes differ beyond noise: their variance about the mean, less
+    `NOISE_LIKE` times their own mean variance, 0 at the least.
     """
     most = min(RIVALS[-1], count - 4)  # the highest degree whose AICc is finite
-    _polynomials(time, value, count, most, now, before, smooth)
     prior = np.log(CORNER_ODDS / count)
-    best = prior + _evidence(np.min(corners[:, 2]) + floor, count, DEGREE + 1)
-    for degree in (DEGREE, *RIVALS):
+    free = count - DEGREE - 1
+    best = _evidence(smooth[DEGREE, 2] + floor, count, DEGREE + 1)
+    for k in range(corners.shape[0]):
+        best = max(best, prior + _evidence(corners[k, 2] + floor, count, DEGREE + 1))
+    for degree in RIVALS:
         if degree <= most:
             best = max(best, _evidence(smooth[degree, 2] + floor, count, degree + 1))
-    cubic = slope
-    total, left, apart, alone = 0.0, 0.0, 0.0, 0.0
-    for degree in (DEGREE, *RIVALS):
-        if degree <= most:
+    told[:] = 0.0
+    total, square = 0.0, 0.0
+    for k in range(-1 - len(RIVALS), corners.shape[0]):
+        degree = DEGREE if k == -1 else (RIVALS[k + len(RIVALS) + 1] if k < 0 else 0)
+        if degree > most:
+            continue
+        if degree:
             weight = np.exp(_evidence(smooth[degree, 2] + floor, count, degree + 1) - best)
-            errors = smooth[degree, 2] / (count - degree - 1)
-            total += weight
-            left += weight * errors
-            apart += weight * (smooth[degree, 0] - cubic) ** 2
-            alone += weight * errors * smooth[degree, 1]
-    slope, noise = total * cubic, total * noise
-    for k in range(corners.shape[0]):
-        weight = np.exp(prior + _evidence(corners[k, 2] + floor, count, DEGREE + 1) - best)
-        errors = corners[k, 2] / free
+            taken = degree if exceptional else DEGREE
+            slope, spread, errors = smooth[taken, 0], smooth[taken, 1], smooth[taken, 2] / (count - taken - 1)
+        else:
+            weight = np.exp(prior + _evidence(corners[k, 2] + floor, count, DEGREE + 1) - best)
+            slope, spread, errors = corners[k, 0], corners[k, 1], corners[k, 2] / free
         total += weight
-        left += weight * errors
-        slope += weight * corners[k, 0]
-        noise += weight * errors * corners[k, 1]
-        apart += weight * (corners[k, 0] - cubic) ** 2
-        alone += weight * errors * corners[k, 1]
-    slope /= total
-    apart = apart / total - (slope - cubic) ** 2
-    return slope, noise / total, left / total, max(0.0, apart - NOISE_LIKE * alone / total)
+        told[SLOPE] += weight * slope
+        told[NOISE] += weight * errors * spread
+        told[ERRORS] += weight * errors
+        square += weight * (slope - smooth[DEGREE, 0]) ** 2
+    told /= total
+    apart = square / total - (told[SLOPE] - smooth[DEGREE, 0]) ** 2
+    told[APART] = max(0.0, apart - NOISE_LIKE * told[NOISE])
+
+
+@njit(cache=True)
+def _is_usual(usual, errors, count):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return whether errors of this power, of a window of `count` samples, are as most are, and remember them.
+
+    `usual`, (3,), are the robust mean of the logarithm, its mean distance below that, and how many there were. Corners
+    make errors larger and none smaller, so the lower half says how much the power varies where there are none: by more
+    than white noise's where a drive has filtered its velocity.
+    """
+    if not errors > 0.0:
+        return True
+    size = np.log(errors)
+    if usual[2] == 0.0:
+        usual[:] = size, _of_white_noise(count) / LOWER_HALF, 1.0
+    is_usual = errors <= _most_usual(usual, count)
+    usual[2] = min(usual[2] + 1.0, MEMORY * count)
+    rate = 1.0 / usual[2] if is_usual else SLOWLY / usual[2]
+    usual[0] += rate * min(max(size - usual[0], -ROBUST), ROBUST)
+    usual[1] += rate * (min(max(usual[0] - size, 0.0), 1.0) - usual[1])
+    return is_usual
+
+
+@njit(cache=True, forceinline=True)
+def _most_usual(usual, count):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return the largest power of errors that chance explains."""
+    return np.exp(usual[0] + BY_CHANCE * max(_of_white_noise(count), LOWER_HALF * usual[1]))
+
+
+@njit(cache=True, forceinline=True)
+def _of_white_noise(count):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return the standard deviation of the logarithm of the power of errors that a cubic leaves of white noise."""
+    return np.sqrt(2.0 / (count - DEGREE - 1.0))
 
 
 class AccelerationFilter:
@@ -298,7 +351,7 @@ class AccelerationFilter:
 
     def __init__(self, half_width_s: float) -> None:
         self._width_ns = round(half_width_s * NS_PER_S)
-        self._usual = np.zeros(1)
+        self._usual = np.zeros(3)
         self._kept: list[Samples] = []
         self._past = 0
 

@@ -225,7 +225,7 @@ def _motion(samples: Samples, top_m_s: float) -> SampleMotion:
         samples.restart,
         HALF_WIDTH_NS,
         False,
-        np.zeros(1),
+        np.zeros(3),
         0,
         len(samples),
         acceleration,
