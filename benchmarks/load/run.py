@@ -136,7 +136,7 @@ SHARE = 0.03
 
 @dataclass(frozen=True)
 class Record:
-    """Samples of one drive with the truth: unknown coefficients, and the terms that tell them."""
+    """Samples of one drive with the truth: unknown coefficients, terms that tell them, (q, v, a) as they are."""
 
     time: Floats
     position: Floats
@@ -146,6 +146,7 @@ class Record:
     truth: dict[str, float]
     unknown: list[str]
     known: list[str]
+    exact: tuple[Floats, Floats, Floats]
 
     def admitted(self, config: Config) -> Samples:
         """Return the samples as replay has them."""
@@ -191,6 +192,7 @@ def record(plant: str, drive: str, rate_hz: float, seed: int) -> Record:
         truth,
         unknown,
         known,
+        (q, v, a),
     )
 
 
@@ -220,6 +222,7 @@ def released(plant: str, rate_hz: float, seed: int) -> Record:
         {"inertia": inertia},
         ["inertia", f"gravity:sin={weight!r},cos=0"],
         [],
+        (q, v, np.gradient(v, time)),
     )
 
 

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from friction_estimator.core.intake.acceleration import AccelerationFilter, PositionIntegral
+from friction_estimator.core.intake.acceleration import AccelerationFilter
 from friction_estimator.core.intake.encoder import Encoder
 from friction_estimator.core.intake.pairing import POSITION, PRESSURE, USED, Pairer, Pairs, Sequencer
+from friction_estimator.core.intake.position import PositionIntegral
 from friction_estimator.core.model.load import LoadTerms
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
