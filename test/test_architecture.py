@@ -22,7 +22,7 @@ ALLOWED = {
     "documents": {"core", "output"},
     "effects": {"compiled", "core"},
     "rig": {"compiled", "core", "effects"},
-    "bag": {"core", "documents", "output"},
+    "bag": {"compiled", "core", "documents", "output"},
     "diagnosis": {"compiled", "core", "effects", "rig"},
     "paper": {"core", "rig"},
     "export": {"core"},

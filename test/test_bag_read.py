@@ -15,6 +15,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from friction_estimator.bag import mcap
 from friction_estimator.bag.merge import recorded_order
 from friction_estimator.bag.messages import EXTRACTORS, Rows
+from friction_estimator.bag.placed import Placed
 from friction_estimator.bag.read import read_recording
 from friction_estimator.bag.samples import to_samples
 from friction_estimator.bag.serialise import sample_template, typestore
@@ -131,7 +132,8 @@ def batches(source, way, topics):
     for (name, times, messages), behind_ns in getattr(source, way)(topics):
         assert (times >= ahead).all()  # what was promised with the batches before
         ahead = max(ahead, behind_ns)
-        found[name] += zip(times.tolist(), (bytes(m) for m in messages), strict=True)
+        rows = messages.rows() if isinstance(messages, Placed) else messages
+        found[name] += zip(times.tolist(), (bytes(m) for m in rows), strict=True)
     return {name: sorted(items, key=lambda item: item[0]) for name, items in found.items()}
 
 

@@ -13,13 +13,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from friction_estimator.bag import growing, samples, source
+from friction_estimator.bag import read, samples, source
 from friction_estimator.bag.merge import Merge, OutOfOrderError, Part, merged
 from friction_estimator.bag.read import read_recording
 from friction_estimator.bag.recording import Outline, Recording
 from friction_estimator.bag.samples import read_samples, to_samples
 from friction_estimator.bag.serialise import sample_template, typestore
 from friction_estimator.bag.write import TOPICS, write_samples
+from friction_estimator.core import growing
 from friction_estimator.core.sample import NS_PER_S, Samples
 from friction_estimator.core.settings.config import Config
 
@@ -60,6 +61,7 @@ def test_blocks_that_do_not_divide_the_length_change_no_bit(tmp_path, storage, n
     monkeypatch.setattr(growing, "SMALLEST", 11)
     monkeypatch.setattr(growing, "LARGEST_BYTES", 8101)
     monkeypatch.setattr(samples, "CHUNK", 977)
+    monkeypatch.setattr(read, "GATHERED", 1009)
     monkeypatch.setattr(source, "BATCH", 211)
     rng = np.random.default_rng(n)
     pressure = np.where(rng.random(n) < 0.02, 2e5 + rng.random(n), np.nan)
@@ -76,6 +78,13 @@ def test_blocks_that_do_not_divide_the_length_change_no_bit(tmp_path, storage, n
 @given(data=st.data())
 def test_messages_in_any_order_are_handed_on_in_recorded_order(tmp_path_factory, data):
     """Of random times, with many equal ones; several chunks, whose times overlap."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(read, "GATHERED", data.draw(st.sampled_from([1, 50, 10**9])))
+        patch.setattr(source, "BATCH", data.draw(st.sampled_from([7, 8192])))
+        in_any_order(tmp_path_factory, data)
+
+
+def in_any_order(tmp_path_factory, data):
     path = tmp_path_factory.mktemp("bag") / "run"
     rng = np.random.default_rng(data.draw(st.integers(0, 99)))
     n, reach = data.draw(st.integers(2, 400)), data.draw(st.sampled_from([3, 40, 4000]))
@@ -96,7 +105,8 @@ def test_messages_in_any_order_are_handed_on_in_recorded_order(tmp_path_factory,
     assert_alike(path, Config.from_mapping({"sync.queue": 1000}))
 
 
-def test_a_chunk_that_holds_earlier_messages_than_it_says_is_read_whole(tmp_path):
+def test_a_chunk_that_holds_earlier_messages_than_it_says_is_read_whole(tmp_path, monkeypatch):
+    monkeypatch.setattr(read, "GATHERED", 1)
     write_samples(tmp_path / "run.mcap", driven(30_000))
     content = bytearray((tmp_path / "run.mcap").read_bytes())
     (at,) = struct.unpack_from("<Q", content, len(content) - 28)  # the summary

@@ -1,7 +1,7 @@
 """mcap at the speed of numpy, by the index that the file carries.
 
-Each chunk is followed by the places of its messages, so the payloads of a topic are gathered with one indexing
-operation a chunk instead of one step a message. One chunk is in memory at a time; packed ones have a budget. Files
+Each chunk is followed by the places of its messages, so what is wanted of a topic is taken in one pass over a chunk
+instead of one step a message. One chunk is in memory at a time; packed ones have a budget. Files
 without such an index are left to rosbags: `indexed` then returns None. Format: https://mcap.dev/spec.
 """
 
@@ -16,14 +16,14 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from friction_estimator.bag.budget import TooLargeError, unpack
-from friction_estimator.bag.messages import Rows
+from friction_estimator.bag.messages import Messages, Rows
+from friction_estimator.bag.placed import ASTRAY, HEAD, LONGER, OUTSIDE, Placed, heads
 from friction_estimator.core.sample import Ints
 
-Batch = tuple[str, Ints, Rows | list[bytes]]
-"""Topic, time of recording (ns, one a message), payloads: rows of equal length, or bytes of any lengths."""
+Batch = tuple[str, Ints, Messages]
+"""Topic, time of recording (ns, one a message), payloads of equal or of any lengths."""
 
 Timed = tuple[Batch, int]
 """A batch, and a time of recording (ns) before which nothing comes in the batches behind it, as the file says."""
@@ -42,11 +42,13 @@ _RECORD = struct.Struct("<BQ")  # opcode, length of what follows
 _FOOTER = struct.Struct("<BQQQI8s")
 _CHUNK_HEAD = struct.Struct("<BQQQQII")  # record, times, size when unpacked, crc, length of the compression's name
 _CHUNK_PLACE = struct.Struct("<QQQQ")  # times, offset, length
-_MESSAGE_HEAD = np.dtype(
-    [("op", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("sent", "<u8")]
-)
 _BODY = _RECORD.size
-_PAYLOAD = _MESSAGE_HEAD.itemsize
+
+_WRONG = {
+    OUTSIDE: "its message index leads outside",
+    ASTRAY: "its message index leads astray",
+    LONGER: "a message is longer than the chunk",
+}
 
 
 class DamagedError(ValueError):
@@ -221,33 +223,23 @@ def unpacked_chunk(data: bytes | memoryview, compression: str, size: int) -> byt
     return records
 
 
-def _messages(records: Rows, index: bytes, channel: int) -> tuple[Ints, Rows | list[bytes]]:
+def _messages(records: Rows, index: bytes, channel: int) -> tuple[Ints, Messages]:
     """Return times and payloads of the messages that an index record lists, in the order of the file."""
     code, _, number, size = struct.unpack_from("<BQHI", index)
     if code != _MESSAGE_INDEX or number != channel:
         raise ValueError("its message index is wrong")
     entries = np.frombuffer(index, "<u8", size // 8, offset=15)
-    places = np.sort(entries[1::2].astype(np.int64))
+    places = entries[1::2].astype(np.int64)
     if not places.size:
         return np.zeros(0, np.int64), []
-    if not 0 <= places[0] <= places[-1] <= records.size - _PAYLOAD:
-        raise ValueError("its message index leads outside")
-    heads = _gather(records, places, _PAYLOAD).view(_MESSAGE_HEAD)[:, 0]
-    lengths = heads["length"].astype(np.int64) - (_PAYLOAD - _BODY)
-    if np.any(heads["op"] != _MESSAGE) or np.any(heads["channel"] != channel):
-        raise ValueError("its message index leads astray")
-    if np.any(lengths < 0) or np.any(places + _PAYLOAD + lengths > records.size):
-        raise ValueError("a message is longer than the chunk")
-    times = heads["log"].astype(np.int64)
+    if np.any(places[1:] < places[:-1]):  # by time, where messages were not recorded in its order
+        places.sort()
+    times, lengths = np.empty_like(places), np.empty_like(places)
+    wrong = heads(records, places, channel, times, lengths)
+    if wrong:
+        raise ValueError(_WRONG[wrong])
     if np.all(lengths == lengths[0]):
-        return times, _gather(records, places + _PAYLOAD, int(lengths[0]))
-    ends = (places + _PAYLOAD + lengths).tolist()
-    starts = (places + _PAYLOAD).tolist()
+        return times, Placed(records, places + HEAD, int(lengths[0]))
+    ends = (places + HEAD + lengths).tolist()
+    starts = (places + HEAD).tolist()
     return times, [records[start:end].tobytes() for start, end in zip(starts, ends, strict=True)]
-
-
-def _gather(records: Rows, places: NDArray[np.int64], width: int) -> Rows:
-    """Return `width` bytes from each place, one row each."""
-    if width == 0:
-        return np.zeros((places.size, 0), np.uint8)
-    return np.ascontiguousarray(np.lib.stride_tricks.sliding_window_view(records, width)[places])

@@ -59,6 +59,10 @@ class Merge:
     ----------
     names : the inputs.
 
+    Attributes
+    ----------
+    count : messages that wait.
+
     Examples
     --------
     >>> merge = Merge(["friction", "velocity"])
@@ -71,6 +75,7 @@ class Merge:
     def __init__(self, names: Sequence[str]) -> None:
         self._waiting: dict[str, list[Part]] = {name: [] for name in TIE_ORDER if name in names}
         self._handed_on_ns: int | None = None
+        self.count = 0
 
     def add(self, name: str, part: Part) -> None:
         """Take messages of one input.
@@ -80,6 +85,7 @@ class Merge:
         if self._handed_on_ns is not None and len(part) and int(part.log_time_ns.min()) < self._handed_on_ns:
             raise OutOfOrderError
         self._waiting[name].append(part)
+        self.count += len(part)
 
     def before(self, log_time_ns: int) -> Events:
         """Return what waits and was recorded before a time; nothing from before it is taken afterwards."""
@@ -90,6 +96,7 @@ class Merge:
             early = whole.log_time_ns < log_time_ns
             ready[name] = whole if early.all() else whole.where(early)
             self._waiting[name] = [] if early.all() else [whole.where(~early)]
+            self.count -= len(ready[name])
         return merged(ready)
 
 

@@ -6,7 +6,7 @@ A new message type is one line in `EXTRACTORS`.
 import struct
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -14,11 +14,15 @@ from numpy.typing import NDArray
 
 from friction_estimator.bag.joint_arrays import JointArrays
 from friction_estimator.bag.layout import Cursor, Layout, LayoutError, NoValueError
+from friction_estimator.bag.placed import Placed
 from friction_estimator.core.quantities import LINEAR, ROTARY
 from friction_estimator.core.registry import Registry
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Ints
 
 Rows = NDArray[np.uint8]
+
+Messages = Rows | list[bytes] | Placed
+"""Payloads of one topic: rows of one length, of one length in their chunk, or bytes of any lengths."""
 
 INPUTS = ("velocity", "friction", "pressure", "temperature", "position")
 
@@ -206,8 +210,10 @@ class Decoder:
             raise NoValueError(layout.absence)
         return stamp_ns, self._value.unpack_from(raw, layout.value_at)[0]
 
-    def many(self, messages: Rows | Sequence[bytes]) -> Decoded:
-        """Return the numbers of messages: (n, length) uint8, one a row, or bytes of any lengths. Raises LayoutError."""
+    def many(self, messages: Rows | Sequence[bytes] | Placed) -> Decoded:
+        """Return the numbers of messages. Raises LayoutError."""
+        if isinstance(messages, Placed):
+            return self._placed(messages) or self.many(messages.rows())
         n = len(messages)
         stamps, value, present = np.zeros(n, np.int64), np.full(n, np.nan), np.zeros(n, np.bool_)
         for own, rows, layout in by_layout(messages, self._layout_of):
@@ -219,6 +225,19 @@ class Decoder:
                 value[own] = _column(rows, layout.value_at, layout.order + "d")
                 present[own] = True
         return Decoded(stamps if self._extractor.stamped else None, value, present)
+
+    def _placed(self, messages: Placed) -> Decoded | None:
+        """Return the numbers of messages that all have one layout, and the value; None where they are not so."""
+        layout = self._layout_of(messages.first())
+        taken = None if layout.value_at is None else messages.taken(layout)
+        if taken is None:
+            return None
+        stamp, value = taken
+        return Decoded(
+            stamps_of(stamp, replace(layout, stamp_at=0)) if layout.stamp_at is not None else None,
+            _column(value, 0, layout.order + "d").astype(np.float64, copy=False),
+            np.ones(len(messages), np.bool_),
+        )
 
 
 def by_layout(
@@ -284,6 +303,7 @@ __all__ = [
     "Decoder",
     "Extractor",
     "LayoutError",
+    "Messages",
     "NoValueError",
     "Rows",
     "Want",

@@ -8,14 +8,15 @@ from pathlib import Path, PurePath
 import numpy as np
 
 from friction_estimator.bag.joint_arrays import CHOOSE_JOINT, holds_a_joint
+from friction_estimator.bag.mcap import NOTHING_BEHIND
 from friction_estimator.bag.merge import Events, Merge, Part, joined, recorded_order
 from friction_estimator.bag.messages import (
     EXTRACTORS,
     INPUTS,
     Decoder,
     LayoutError,
+    Messages,
     NoValueError,
-    Rows,
     Want,
 )
 from friction_estimator.bag.motion import recorded_motion
@@ -30,6 +31,9 @@ from friction_estimator.core.settings.groups import InputConfig
 
 _MOTION = {"auto": ("velocity", "position"), "topic": ("velocity",), "position": ("position",)}
 """What serves as velocity, the better one first, by `input.velocity_from`."""
+
+GATHERED = 65536
+"""Messages that are merged at a time, at least: chunks of a file have a few thousand."""
 
 Progress = Callable[[int, int], None]
 """Takes the messages just read, and how many there are to read in all."""
@@ -157,11 +161,12 @@ class Reading:
         handed_on_ns = ANYTHING_BEHIND
         for name, part, behind_ns in self.parts():
             merge.add(name, part)
-            if behind_ns > handed_on_ns:
+            if behind_ns > handed_on_ns and merge.count >= GATHERED:
                 handed_on_ns = behind_ns
                 yield merge.before(behind_ns)
+        yield merge.before(NOTHING_BEHIND)
 
-    def _heard(self, listener: "_Listener", log_time_ns: Ints, messages: Rows | list[bytes]) -> Part:
+    def _heard(self, listener: "_Listener", log_time_ns: Ints, messages: Messages) -> Part:
         try:
             return listener.part(log_time_ns, messages)
         except LayoutError as error:
@@ -271,7 +276,7 @@ class _Listener:
         self._frame_id: str | None = None
         self._messages = self._unusable = 0
 
-    def part(self, log_time_ns: Ints, messages: Rows | list[bytes]) -> Part:
+    def part(self, log_time_ns: Ints, messages: Messages) -> Part:
         """Return the numbers of a batch. Raises LayoutError."""
         decoded = self._decoder.many(messages)
         if self._frame_id is None and len(messages):

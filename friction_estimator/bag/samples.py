@@ -1,16 +1,17 @@
 """From the streams of a recording to samples, by the path that the live node takes."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Generator, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import PurePath
 
 import numpy as np
 
-from friction_estimator.bag.growing import Column
 from friction_estimator.bag.merge import Events, OutOfOrderError
 from friction_estimator.bag.read import Progress, Reading, read_recording
 from friction_estimator.bag.recording import Outline, Recorded, Recording
 from friction_estimator.core.errors import UnanswerableError
+from friction_estimator.core.growing import Column
 from friction_estimator.core.intake.admission import Intake
 from friction_estimator.core.intake.encoder import Wraps
 from friction_estimator.core.intake.tracking import Tracker
@@ -54,29 +55,68 @@ class Admitted:
     tracker: Tracker | None = None
 
 
+@dataclass(frozen=True)
+class Begins:
+    """A recording begins; what came of it before is void.
+
+    Attributes
+    ----------
+    motion : "linear" or "rotary".
+    """
+
+    motion: str
+
+
+@dataclass(frozen=True)
+class Read:
+    """A recording is read."""
+
+    recording: Recorded
+    admitted: Admitted
+
+
 def read_samples(
     path: str | PurePath, config: Config, topics: Mapping[str, str] | None = None, progress: Progress | None = None
 ) -> tuple[Recorded, Admitted]:
     """Read a recording and admit its samples, as `read_recording` and `to_samples` do, in less memory.
 
+    Raises as `read_recording` and `to_samples`.
+    """
+    for item in sample_pieces(path, config, topics, progress):
+        if isinstance(item, Read):
+            return item.recording, item.admitted
+    raise AssertionError
+
+
+def sample_pieces(
+    path: str | PurePath, config: Config, topics: Mapping[str, str] | None = None, progress: Progress | None = None
+) -> Generator[Begins | Samples | Read, None, None]:
+    """Read a recording and admit its samples; yield them as they are admitted, and what was found at the end.
+
     Messages are paired as they are read and then let go. Where the recording is not as it says (messages out of order,
-    an input that turns out to hold nothing), it is read whole.
+    an input that turns out to hold nothing), it begins anew and is read whole.
 
     Raises as `read_recording` and `to_samples`.
     """
     with Reading(path, config.input, topics, progress) as reading:
+        yield Begins(reading.motion)
         admission = Admission(config, reading.names, _is_one_message(reading.topics))
         try:
             for events in reading.events():
-                admission.push(events)
+                yield from admission.push(events)
             outline: Outline | None = reading.outline()
         except OutOfOrderError:
             outline = None
     if outline is None or set(outline.streams) != set(reading.names):
         del admission
         recording = read_recording(path, config.input, topics, progress)
-        return recording, to_samples(recording, config)
-    return outline, admission.admitted(outline)
+        admitted = to_samples(recording, config)
+        yield Begins(recording.motion)
+        yield admitted.samples
+        yield Read(recording, admitted)
+        return
+    yield from admission.last()
+    yield Read(outline, admission.admitted(outline))
 
 
 def to_samples(recording: Recording, config: Config) -> Admitted:
@@ -86,7 +126,8 @@ def to_samples(recording: Recording, config: Config) -> Admitted:
     """
     topics = {name: stream.topic for name, stream in recording.streams.items()}
     admission = Admission(config, topics, _is_one_message(topics))
-    admission.push(recording.events())
+    for _ in chain(admission.push(recording.events()), admission.last()):
+        pass
     return admission.admitted(recording)
 
 
@@ -109,23 +150,29 @@ class Admission:
         names = dict.fromkeys([*_ALWAYS, *held, *made, *shift])
         self._columns = {name: Column(_TYPES.get(name, np.float64)) for name in names}
 
-    def push(self, events: Events) -> None:
-        """Take events in recorded order."""
+    def push(self, events: Events) -> Iterator[Samples]:
+        """Take events in recorded order; yield the samples that they complete."""
         for start in range(0, len(events), CHUNK):
             part = slice(start, start + CHUNK)
-            self._keep(self._intake.push(events.stream[part], events.stamp_ns[part], events.value[part]))
+            yield self._kept(self._intake.push(events.stream[part], events.stamp_ns[part], events.value[part]))
 
-    def _keep(self, samples: Samples) -> None:
+    def last(self) -> Iterator[Samples]:
+        """Yield the samples that wait for others that will not come; all events have come."""
+        self._intake.flush()
+        last = self._intake.drain()
+        if last is not None:
+            yield self._kept(last)
+
+    def _kept(self, samples: Samples) -> Samples:
+        """Keep samples; return them with the channels that are kept."""
+        kept = {name: getattr(samples, name) for name in self._columns}
         for name, column in self._columns.items():
-            column.extend(getattr(samples, name))
+            column.extend(kept[name])
+        return Samples(**kept)
 
     def admitted(self, recording: Recorded) -> Admitted:
-        """Return the samples of the recording, whose events have all come. Raises UnanswerableError as `to_samples`."""
+        """Return the samples of the recording, of which all are kept. Raises UnanswerableError as `to_samples`."""
         intake = self._intake
-        intake.flush()
-        last = intake.drain()
-        if last is not None:
-            self._keep(last)
         counts = dict(intake.counts)
         used = counts.pop("used", 0)
         if not used:
@@ -134,7 +181,7 @@ class Admission:
             self._columns.pop("position_shift_m", None)
         breaks = intake.sequencer
         return Admitted(
-            Samples(**{name: column.taken() for name, column in self._columns.items()}),  # type: ignore[arg-type]
+            Samples(**{name: column.taken() for name, column in self._columns.items()}),
             used + sum(counts.values()),
             counts,
             breaks.gaps,

@@ -19,9 +19,12 @@ from rosbags.rosbag2.storage_mcap import DECOMPRESSORS as UNPACKERS2
 from friction_estimator.bag import mcap
 from friction_estimator.bag.budget import unpack
 from friction_estimator.bag.lfs import check_no_pointer
-from friction_estimator.bag.mcap import NOTHING_BEHIND, Batch, Timed
+from friction_estimator.bag.mcap import NOTHING_BEHIND, Timed
+from friction_estimator.bag.messages import Rows
+from friction_estimator.bag.placed import Placed
 from friction_estimator.bag.prepared import prepared
 from friction_estimator.core.errors import FrictionEstimatorError, InputError
+from friction_estimator.core.sample import Ints
 from friction_estimator.core.text import is_utf8
 
 BATCH = 8192
@@ -141,13 +144,13 @@ class Source:
         """Time of recording of the first message, and a moment after the last, ns."""
         return self._reader.start_time, self._reader.end_time
 
-    def batches(self, topics: Collection[str]) -> Iterator[Batch]:
+    def batches(self, topics: Collection[str]) -> Iterator[tuple[str, Ints, Rows | list[bytes]]]:
         """Yield the raw messages of some topics; those of one topic come in the order of the recording.
 
         Raises InputError where the recording is damaged.
         """
-        for batch, _ in self.timed_batches(topics):
-            yield batch
+        for (topic, times, messages), _ in self.timed_batches(topics):
+            yield topic, times, messages.rows() if isinstance(messages, Placed) else messages
 
     def timed_batches(self, topics: Collection[str]) -> Iterator[Timed]:
         """Yield what `batches` does, and with each a time of recording, ns, before which nothing comes behind it.
@@ -157,7 +160,8 @@ class Source:
         with _readable(self.path):
             for (topic, times, messages), behind_ns in self._indexed(topics) or self._stepwise(topics):
                 if self._prepared.packed_messages:
-                    yield (topic, times, [self._unpacked(bytes(message)) for message in messages]), behind_ns
+                    packed = messages.rows() if isinstance(messages, Placed) else messages
+                    yield (topic, times, [self._unpacked(bytes(message)) for message in packed]), behind_ns
                 else:
                     yield (topic, times, messages), behind_ns
 

@@ -7,10 +7,10 @@ from pathlib import PurePath
 import numpy as np
 from numpy.typing import NDArray
 
-from friction_estimator.bag.growing import WholeNumbers
 from friction_estimator.bag.merge import OutOfOrderError, Part
 from friction_estimator.bag.read import Progress, Reading, read_recording
 from friction_estimator.bag.recording import Described, Outline, Recorded, Stream
+from friction_estimator.core.growing import WholeNumbers
 from friction_estimator.core.intake.pairing import LARGEST_VALUE
 from friction_estimator.core.sample import NS_PER_S, Floats
 from friction_estimator.core.settings.groups import InputConfig, SyncConfig

@@ -2,14 +2,15 @@
 
 import argparse
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate
 from typing import Any, Protocol
 
+from friction_estimator.bag.ahead import ahead
 from friction_estimator.bag.recording import Recorded
-from friction_estimator.bag.samples import Admitted, read_samples
+from friction_estimator.bag.samples import Admitted, Begins, Read, read_samples, sample_pieces
 from friction_estimator.cli import common, joints
 from friction_estimator.cli.progress import progress
 from friction_estimator.core.errors import InputError, about
@@ -144,16 +145,34 @@ def outputs(args: argparse.Namespace) -> common.Output:
     return common.Output(args.json, args.out, refusal, common.paths_read(args))
 
 
-def load(args: argparse.Namespace, output: common.Outlet, overrides: Mapping[str, object] | None = None) -> Session:
+class Learner(Protocol):
+    """Learns recordings while they are read."""
+
+    def begin(self, config: Config) -> None:
+        """Take the begin of a recording, and the configuration with what it says of the motion."""
+
+    def push(self, samples: Samples) -> None:
+        """Take the next samples of it."""
+
+    def give_up(self) -> None:
+        """Let go of all that was learned: the recording was not as it said."""
+
+
+def load(
+    args: argparse.Namespace,
+    output: common.Outlet,
+    overrides: Mapping[str, object] | None = None,
+    learner: Learner | None = None,
+) -> Session:
     """Read `args.bags` and `args.test`, pair and admit their messages; say what was done and refused.
 
-    Everything is read before anything is computed, so that a wrong name is known at once.
+    `learner` is given the samples of `args.bags` while others are read.
 
     Raises InputError and UnanswerableError as reading does; both name the recording.
     """
     config = common.config_from(args, overrides, output.warn)
     several = len(args.bags) + len(args.test) > 1
-    learned = [_read(bag, args, config, output, "learned" if several else "") for bag in args.bags]
+    learned = [_read(bag, args, config, output, "learned" if several else "", learner) for bag in args.bags]
     others = [_read(bag, args, config, output, "test") for bag in args.test]
     config = settled(config, [recording for recording, _ in (*learned, *others)]).updated(_live_input(learned[0][0]))
     quantities = common.quantities_from(args, config)
@@ -199,11 +218,20 @@ def _with(read: Sequence[tuple[Recorded, Admitted]], config: Config) -> tuple[Lo
 
 
 def _read(
-    bag: str, args: argparse.Namespace, config: Config, output: common.Outlet, heading: str
+    bag: str,
+    args: argparse.Namespace,
+    config: Config,
+    output: common.Outlet,
+    heading: str,
+    learner: Learner | None = None,
 ) -> tuple[Recorded, Admitted]:
     """Read one recording; say what it holds, under its name where `heading` says what it is for."""
-    with about(bag), progress("reading", unit="messages") as advance:
-        recording, admitted = read_samples(bag, config, common.topics_from(args), advance)
+    topics = common.topics_from(args)
+    with about(bag), progress("replaying" if learner else "reading", unit="messages") as advance:
+        if learner is None:
+            recording, admitted = read_samples(bag, config, topics, advance)
+        else:
+            recording, admitted = _read_and_learned(sample_pieces(bag, config, topics, advance), config, learner)
     if heading:
         output.say(f"{heading:<12}{recording.path}")
     for name, stream in recording.streams.items():
@@ -225,6 +253,25 @@ def _read(
         + (f"; {admitted.jumps} backward jumps of the clock" if admitted.jumps else "")
     )
     return recording, admitted
+
+
+def _read_and_learned(
+    pieces: Generator[Begins | Samples | Read, None, None], config: Config, learner: Learner
+) -> tuple[Recorded, Admitted]:
+    """Return what was read; it is learned while what follows is read."""
+    begun = False
+    with ahead(pieces) as items:
+        for item in items:
+            if isinstance(item, Samples):
+                learner.push(item)
+            elif isinstance(item, Read):
+                found = item
+            elif begun:
+                learner.give_up()
+            else:
+                learner.begin(config.updated({"input.motion": item.motion}))
+                begun = True
+    return found.recording, found.admitted
 
 
 def _live_input(recording: Recorded) -> dict[str, object]:

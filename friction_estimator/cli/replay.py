@@ -1,6 +1,7 @@
 """`replay`: the estimator over recordings, as fast as the machine goes, without a ROS graph."""
 
 import argparse
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -9,7 +10,10 @@ from friction_estimator.cli.progress import progress
 from friction_estimator.cli.recorded import Described, Session, add_run_options, load, outputs, tell_theory, tell_units
 from friction_estimator.core.errors import about
 from friction_estimator.core.model.theory_choice import has_pressure, told
-from friction_estimator.core.online.replay import Replay, replay
+from friction_estimator.core.online.replay import Replay, check_answerable, concluded, replay
+from friction_estimator.core.online.run import Run
+from friction_estimator.core.sample import Samples
+from friction_estimator.core.settings.config import PARAMETERS, Config
 from friction_estimator.effects.extension import extension_as_met, extension_from_config
 
 SCHEMA = "friction_estimator/replay/2"
@@ -39,17 +43,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
-    session = load(args, output, {"model.type": args.model, "model.law": args.law})
-    with about(", ".join(session.bags)), progress("replaying", len(session.samples)) as advance:
-        result = replay(
-            session.samples,
-            session.config,
-            extension=extension_as_met(session.config, session.samples),
-            freeze_after=args.freeze_after,
-            starts=session.starts,
-            deviation=bool(args.out),
-            advance=advance,
-        )
+    # What part of a record is its first fraction, nobody knows before its end.
+    learner = Learner(bool(args.out)) if args.freeze_after is None else None
+    session = load(args, output, {"model.type": args.model, "model.law": args.law}, learner)
+    with about(", ".join(session.bags)):
+        result = (learner and learner.result(session)) or _replayed(args, session)
     tell_units(output, session.quantities, session.config, result.estimator.config)
     tell_theory(output, result.estimator.config, session.samples)
     result = judged(session, result)
@@ -67,6 +65,67 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
         output.say(f"{'written':<12}{args.out}: bag/, figures/, report.html, summary.json, config.yaml")
     output.result(summary)
     return joints.outcome(summary, result)
+
+
+def _replayed(args: argparse.Namespace, session: Session) -> Replay:
+    with progress("replaying", len(session.samples)) as advance:
+        return replay(
+            session.samples,
+            session.config,
+            extension=extension_as_met(session.config, session.samples),
+            freeze_after=args.freeze_after,
+            starts=session.starts,
+            deviation=bool(args.out),
+            advance=advance,
+        )
+
+
+class Learner:
+    """Learns recordings while they are read; what goes wrong here waits until all is read."""
+
+    def __init__(self, deviation: bool) -> None:
+        self._deviation = deviation
+        self._run: Run | None = None
+        self._given_up = False
+        self._problem: Exception | None = None
+
+    def begin(self, config: Config) -> None:
+        """Take the begin of a recording."""
+        if config.extension.terms:  # they are built of the first contact
+            self.give_up()
+        self._do(lambda: self._begin(config))
+
+    def _begin(self, config: Config) -> None:
+        self._run = self._run or Run(config, deviation=self._deviation)
+        self._run.begin()
+
+    def push(self, samples: Samples) -> None:
+        """Take the next samples of it."""
+        run = self._run
+        self._do(lambda: run.push(samples) if run else None)
+
+    def give_up(self) -> None:
+        """Let go of all that was learned; nothing more is."""
+        self._run, self._given_up = None, True
+
+    def _do(self, work: Callable[[], None]) -> None:
+        if self._given_up or self._problem is not None:
+            return
+        try:
+            work()
+        except Exception as error:
+            self._problem = error
+
+    def result(self, session: Session) -> Replay | None:
+        """Return what was learned of a session that is read; None where it was given up. Raises as `replay`."""
+        if self._given_up:
+            return None
+        check_answerable(session.samples, session.config.quantities)
+        if self._problem is not None:
+            raise self._problem
+        assert self._run is not None
+        heard = {name: PARAMETERS[name].of(session.config) for name in ("input.mode", "input.joint")}
+        return concluded(self._run, session.samples, heard)
 
 
 def judged(session: Session, result: Replay) -> Replay:

@@ -81,13 +81,16 @@ class Intake:
         """Return what is admitted of joined samples, in order."""
         status, restart = self.sequencer.admit(pairs.stamp_ns, pairs.velocity_m_s, pairs.friction_N)
         used = status == USED
-        held = pairs.held[used]
-        stamp_ns, velocity_m_s, begins = pairs.stamp_ns[used], pairs.velocity_m_s[used], restart[used]
+        stamp_ns, velocity_m_s, friction_N, held = pairs.stamp_ns, pairs.velocity_m_s, pairs.friction_N, pairs.held
+        begins = restart
+        if not used.all():
+            stamp_ns, velocity_m_s, friction_N, held = (each[used] for each in vars(pairs).values())
+            begins = restart[used]
         position_m = held[:, POSITION - PRESSURE].copy()
         samples = Samples(
             stamp_ns=stamp_ns,
             velocity_m_s=velocity_m_s,
-            friction_N=self.sign * pairs.friction_N[used],
+            friction_N=self.sign * friction_N,
             restart=begins,
             pressure_Pa=np.ascontiguousarray(held[:, 0]),
             temperature_degC=np.ascontiguousarray(held[:, 1]),

@@ -118,7 +118,7 @@ def turned(now, v, begins, shown, state):  # type: ignore[no-untyped-def] # prag
     return state[TURNS] * state[MODULUS]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def unwrap(stamp, velocity, restart, position, shift, state):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Add the turns to `position` in place; `shift` is filled with what was added. Nothing is added to no number."""
     for k in range(position.size):

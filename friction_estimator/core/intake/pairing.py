@@ -83,7 +83,7 @@ def _drop(stamp, last_matched, dropped):  # type: ignore[no-untyped-def] # pragm
         dropped[UNMATCHED] += 1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def pair(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     stream,
     stamp,
@@ -312,7 +312,7 @@ class Pairer:
         return {REASONS[i]: int(n) for i, n in enumerate(self._dropped) if n}
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def admit(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     stamp, velocity, friction, gap_factor, jump_ns, clock, events, counts, status, restart
 ):

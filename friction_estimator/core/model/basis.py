@@ -165,7 +165,7 @@ def _position(velocity, unit, bend):  # type: ignore[no-untyped-def] # pragma: n
     return velocity / unit
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def wavelet_rows(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     velocity, unit, low, high, bend, scale, amplitude, first, kind, table, first_cell, index, value, cell
 ):

@@ -78,7 +78,7 @@ def _friction(velocity, entrainment, contact, width, gradient, eta, boundary, pa
     return par[_WIDTH_AREA] * width * (dry + wet)
 
 
-@njit(_SEAL_LOOP_SIGNATURE, cache=True)
+@njit(_SEAL_LOOP_SIGNATURE, cache=True, nogil=True)
 def seal_loop(velocity, pressure, temperature, par, counts, friction):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Fill `friction`, (n,), with the steady state.
 

@@ -78,7 +78,7 @@ class Stribeck:
         return astuple(self)
 
 
-@njit(_LOOP_SIGNATURE, cache=True)
+@njit(_LOOP_SIGNATURE, cache=True, nogil=True)
 def stribeck_loop(velocity, par, counts, friction):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Fill `friction`, (n,); see StribeckCurve.
 

@@ -54,7 +54,7 @@ _TABLE_LOOP_SIGNATURE = types.void(
 )
 
 
-@njit(_TABLE_LOOP_SIGNATURE, cache=True)
+@njit(_TABLE_LOOP_SIGNATURE, cache=True, nogil=True)
 def _table_loop(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     velocity, pressure, temperature, v_axis, p_axis, t_axis, table, default, counts, friction
 ):

@@ -1,7 +1,6 @@
 """The estimator over recordings, what it says of others without learning, and the figures that `replay` reports."""
 
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -9,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from friction_estimator.compiling import COMPILATION
 from friction_estimator.core import metrics, sums
-from friction_estimator.core.errors import ConfigError, UnanswerableError
+from friction_estimator.core.errors import UnanswerableError
 from friction_estimator.core.fit.band import POINTS, Curve
 from friction_estimator.core.fit.baselines import StaticCurve
 from friction_estimator.core.fit.batch import BatchFit, predict
@@ -19,20 +17,16 @@ from friction_estimator.core.fit.frozen_score import FrozenScore, curves_learned
 from friction_estimator.core.fit.load_report import LearnedLoad
 from friction_estimator.core.model.structure import Extension, Model, Parameters
 from friction_estimator.core.online.estimator import Estimator, Health
-from friction_estimator.core.online.first_contact import Contact, meet
+from friction_estimator.core.online.first_contact import Contact
+from friction_estimator.core.online.run import Run
 from friction_estimator.core.online.shortcomings import InMotion, Judgement, Shortcoming, in_motion, shortcomings
 from friction_estimator.core.quantities import FORCE, Quantities
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Samples
 from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.setting import Value
 
 OUTLOOK = 1.25
 """The curve is also given over this many times the velocities learned, to show what it says where it has not been."""
-
-BLOCK = 65536
-"""Samples between two reports of progress, and between two snapshots of the parameters at the most."""
-
-SNAPSHOTS = 200
-"""Parameter snapshots kept over a replay, and one at the end of each recording."""
 
 DIVERGED = 2.0
 """An error rms over the last fifth above this many standard deviations of the whole record is divergence."""
@@ -291,53 +285,51 @@ def replay(
     ConfigError : `freeze_after` outside [0, 1].
     """
     check_answerable(samples, config.quantities)
-    contact = meet(config, samples)
-    config, samples = contact.config, samples[contact.dropped :]
-    starts = [max(0, start - contact.dropped) for start in starts]
-    n = len(samples)
-    if freeze_after is not None and not 0.0 <= freeze_after <= 1.0:
-        raise ConfigError(f"freeze-after is {freeze_after:g}: give the fraction of the record to learn on, 0 to 1")
-    learn = np.broadcast_to(np.bool_(config.model.adapt), (n,))
-    if freeze_after is not None:
+    run = Run(
+        config, extension=extension, deviation=deviation, freeze_after=freeze_after, total=len(samples), advance=advance
+    )
+    for first, end in pairwise([*starts, len(samples)]):
+        run.begin()
+        run.push(samples[first:end])
+    return concluded(run, samples)
+
+
+def concluded(run: Run, samples: Samples, heard: Mapping[str, Value] | None = None) -> Replay:
+    """Return what a run that has taken all of the samples made of them.
+
+    Parameters
+    ----------
+    heard : settings that say how the inputs were found, which the run was not told.
+    """
+    predicted, spread = run.finish()
+    contact, estimator = run.contact, run.estimator
+    if heard:
+        contact = replace(contact, config=contact.config.updated(heard))
+        estimator.config = estimator.config.updated(heard)
+    samples = samples[contact.dropped :]
+    learn = np.broadcast_to(np.bool_(run.learned_until is None), (len(samples),))
+    if run.learned_until:
         learn = learn.copy()
-        learn[round(freeze_after * n) :] = False
-    estimator = Estimator(config, extension)
-    predicted, spread = np.empty(n), np.empty(n) if deviation else None
-    indices, snapshots = [], []
-    seconds = 0.0
-    for part in _blocks(n, starts):
-        begin = time.perf_counter() - COMPILATION.seconds
-        predicted[part] = estimator.run(samples[part], learn[part], None if spread is None else spread[part])
-        seconds += time.perf_counter() - COMPILATION.seconds - begin
-        indices.append(part.stop - 1)
-        snapshots.append(estimator.parameters)
-        advance(part.stop - part.start)
+        learn[: run.learned_until] = True
     curve, outlook = curves_of(estimator, samples, learn)
     return Replay(
-        config=config,
+        config=contact.config,
         samples=samples,
         predicted_N=predicted,
-        theory_in=estimator.model.theory_over(samples) if config.is_parallel else None,
+        theory_in=estimator.model.theory_over(samples) if contact.config.is_parallel else None,
         learned=learn,
-        snapshot_index=indices,
-        snapshots=snapshots,
+        snapshot_index=list(run.snapshots),
+        snapshots=list(run.snapshots.values()),
         health=estimator.health,
-        seconds=seconds,
+        seconds=run.seconds,
         estimator=estimator,
-        starts=tuple(starts),
+        starts=tuple(run.starts),
         curve=curve,
         outlook=outlook,
         contact=contact,
         loads=estimator.loads,
         deviation_N=spread,
     )
-
-
-def _blocks(n: int, starts: Sequence[int]) -> list[slice]:
-    """Return the blocks that are run at a time; none reaches over the start of a recording."""
-    block = min(BLOCK, max(1, n // SNAPSHOTS))
-    edges = sorted({*range(0, n, block), *(start for start in starts if start < n), n})
-    return [slice(a, b) for a, b in pairwise(edges)]
 
 
 def curves_of(source: Estimator | BatchFit, samples: Samples, learned: Bools) -> tuple[Curve, Curve]:
