@@ -32,7 +32,7 @@ from friction_estimator.core.settings.groups import InputConfig
 _MOTION = {"auto": ("velocity", "position"), "topic": ("velocity",), "position": ("position",)}
 """What serves as velocity, the better one first, by `input.velocity_from`."""
 
-GATHERED = 65536
+GATHERED = 32768
 """Messages that are merged at a time, at least: chunks of a file have a few thousand."""
 
 Progress = Callable[[int, int], None]

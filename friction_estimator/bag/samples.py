@@ -18,7 +18,7 @@ from friction_estimator.core.intake.tracking import Tracker
 from friction_estimator.core.sample import NS_PER_S, Samples
 from friction_estimator.core.settings.config import Config
 
-CHUNK = 65536
+CHUNK = 32768
 """Events paired at a time."""
 
 LOAD_CHANNELS = {"position": "position_m", "acceleration": "acceleration_m_s2"}

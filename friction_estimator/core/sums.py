@@ -14,7 +14,7 @@ from friction_estimator.core.sample import Bools, Floats
 BLOCK = 65_536
 """Samples of a piece: they stay in the processor's cache."""
 
-LEAF = 8192
+LEAF = BLOCK
 """Values that are handed to numpy at a time: more than the 128 below which it adds otherwise."""
 
 
@@ -52,7 +52,12 @@ def mean_square(piece: Callable[[slice], Floats], n: int) -> float:
 def chosen(values: Floats, where: Bools) -> Iterator[Floats]:
     """Yield the values, (n,), at which `where` is True, piece by piece."""
     for part in parts(values.size):
-        yield values[part][where[part]]
+        yield some(values[part], where[part])
+
+
+def some(values: Floats, where: Bools) -> Floats:
+    """Return the values, (n,), at which `where` is True; those themselves where all are, as in most pieces."""
+    return values if where.all() else values[where]
 
 
 def upper_quantile(pieces: Iterable[Floats], n: int, q: float) -> float:

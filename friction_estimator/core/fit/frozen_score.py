@@ -1,13 +1,13 @@
 """The judge of what was learned: error without learning, beside that of curves known from the textbook."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from friction_estimator.core import metrics
 from friction_estimator.core.errors import UnanswerableError
-from friction_estimator.core.fit.baselines import StaticCurve, fit_baselines
+from friction_estimator.core.fit.baselines import BASELINES, StaticCurve, fit_baselines
 from friction_estimator.core.sample import Bools, Floats, Samples
 
 CURVES = ("coulomb_viscous", "stribeck", "stribeck_asymmetric")
@@ -36,13 +36,18 @@ class FrozenScore:
     baselines: Mapping[str, float | None]
 
 
-def curves_learned(velocity_m_s: Floats, friction_N: Floats, learned: Bools | None = None) -> dict[str, StaticCurve]:
-    """Return the textbook's curves fitted to the samples (n,) m/s, (n,) N, or to those learned from, (n,).
+def curves_learned(
+    velocity_m_s: Floats,
+    friction_N: Floats,
+    learned: Bools | None = None,
+    names: Collection[str] = tuple(BASELINES),
+) -> dict[str, StaticCurve]:
+    """Return the textbook's curves, or some, fitted to the samples (n,) m/s, (n,) N, or to those learned from, (n,).
 
     Empty where none can be fitted.
     """
     try:
-        return fit_baselines(velocity_m_s, friction_N, use=learned)
+        return fit_baselines(velocity_m_s, friction_N, names, use=learned)
     except UnanswerableError:
         return {}
 
@@ -66,15 +71,16 @@ def frozen_score(
     """
     measured, velocity = samples.friction_N, samples.velocity_m_s
     baselines: dict[str, float | None] = dict.fromkeys(RIVALS)
+    spread_N = metrics.spread(measured, scored)
     for name in CURVES:
         if name in curves:
-            baselines[name] = metrics.nrmse(measured, curves[name].over(velocity), scored)
+            baselines[name] = metrics.nrmse(measured, curves[name].over(velocity), scored, spread_N)
     baselines["persistence"] = metrics.nrmse_persistence(samples.friction_N, samples.restart | ~scored)
     if theory_N is not None:
-        baselines["theory"] = metrics.nrmse(measured, theory_N, scored)
+        baselines["theory"] = metrics.nrmse(measured, theory_N, scored, spread_N)
     return FrozenScore(
         samples=int(np.count_nonzero(scored)),
-        spread_N=metrics.spread(measured, scored),
-        nrmse=metrics.nrmse(measured, predicted_N, scored),
+        spread_N=spread_N,
+        nrmse=metrics.nrmse(measured, predicted_N, scored, spread_N),
         baselines=baselines,
     )

@@ -67,8 +67,11 @@ class Points:
     def __iter__(self) -> Iterator[tuple[Floats, Floats]]:
         """Yield velocity and friction of the samples in order, a piece at a time."""
         for part in sums.parts(self.velocity.size):
-            piece = self.velocity[part], self.friction[part]
-            yield piece if self.use is None else (piece[0][self.use[part]], piece[1][self.use[part]])
+            velocity, friction = self.velocity[part], self.friction[part]
+            if self.use is None or self.use[part].all():
+                yield velocity, friction
+            else:
+                yield velocity[self.use[part]], friction[self.use[part]]
 
     @cached_property
     def size(self) -> int:

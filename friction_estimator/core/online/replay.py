@@ -107,6 +107,11 @@ class Replay:
         """The samples of each recording."""
         return [slice(a, b) for a, b in pairwise([*self.starts, len(self.samples)])]
 
+    @cached_property
+    def spread_N(self) -> float:
+        """Standard deviation of the measured friction, N."""
+        return metrics.spread(self.samples.friction_N)
+
     @property
     def duration_s(self) -> float:
         """Time that passed in the recordings, s; what lies between them does not count."""
@@ -225,18 +230,19 @@ class Replay:
         final = metrics.nrmse(late, guessed)
         end_rms = float(np.sqrt(sums.mean_square(lambda part: late[part] - guessed[part], late.size)))
         frozen = self.frozen_score
-        theory = None if self.theory_in is None else metrics.nrmse(measured, self.theory_in)
+        scale = self.spread_N
+        theory = None if self.theory_in is None else metrics.nrmse(measured, self.theory_in, scale=scale)
         return {
             "sample_rate_hz": self.samples.sample_rate_hz,
             "duration_s": self.duration_s,
-            "nrmse": metrics.nrmse(measured, predicted),
+            "nrmse": metrics.nrmse(measured, predicted, scale=scale),
             "nrmse_persistence": metrics.nrmse_persistence(measured, self.samples.restart),
             "nrmse_final": final,
-            "nrmse_by_cycle": metrics.by_cycle(measured, predicted, self.samples.velocity_m_s, self.starts),
+            "nrmse_by_cycle": metrics.by_cycle(measured, predicted, self.samples.velocity_m_s, self.starts, scale),
             "nrmse_frozen": None if frozen is None else frozen.nrmse,
             "fit_percent": 100.0 * (1.0 - final),
             "theory_nrmse": theory,
-            "diverged": bool(not np.isfinite(predicted).all() or end_rms > DIVERGED * metrics.spread(measured)),
+            "diverged": bool(not np.isfinite(predicted).all() or end_rms > DIVERGED * scale),
             "samples_per_second": len(self.samples) / self.seconds if self.seconds > 0.0 else None,
             "units": self.config.quantities.names,
             "baselines": None if frozen is None else frozen.baselines,

@@ -17,7 +17,7 @@ from friction_estimator.core.settings.config import Config
 SNAPSHOTS = 200
 """Snapshots of the parameters kept over a run at the most, beside those at the end of each recording."""
 
-FIRST_STEP = 64
+FIRST_STEP = 16
 """Samples between two of them at first; where they become too many every second is let go."""
 
 BLOCK = 65536

@@ -118,8 +118,9 @@ class Judgement:
 
     @cached_property
     def standing(self) -> Bools:
-        """Where the shaft stands, (n,)."""
-        return standstill(self.samples, self.top_speed_m_s)
+        """Where the shaft stands, (n,); without an array where it never does."""
+        found = standstill(self.samples, self.top_speed_m_s)
+        return found if found.any() else np.broadcast_to(np.bool_(False), found.shape)
 
 
 def in_motion(judged: Judgement) -> InMotion:
@@ -130,10 +131,12 @@ def in_motion(judged: Judgement) -> InMotion:
     curves: dict[str, StaticCurve] = {}
     fitted = judged.learned > standing if standing.any() else judged.learned
     if np.count_nonzero(fitted) and np.count_nonzero(moves) > 1:
-        curves = curves_learned(velocity, measured, fitted)
-    scores = {name: metrics.nrmse(measured, curves[name].over(velocity), moves) for name in CURVES if name in curves}
-    share = float(np.mean(standing[judged.scored])) if judged.scored.any() else 0.0
-    return InMotion(int(moves.sum()), share, metrics.nrmse(measured, judged.predicted_N, moves), scores)
+        curves = curves_learned(velocity, measured, fitted, CURVES)
+    scale = metrics.spread(measured, moves)
+    scores = {name: metrics.nrmse(measured, curve.over(velocity), moves, scale) for name, curve in curves.items()}
+    still = sum(int(np.count_nonzero(standing[part] & judged.scored[part])) for part in sums.parts(standing.size))
+    share = still / max(1, int(np.count_nonzero(judged.scored)))
+    return InMotion(int(moves.sum()), share, metrics.nrmse(measured, judged.predicted_N, moves, scale), scores)
 
 
 def shortcomings(judged: Judgement) -> tuple[Shortcoming, ...]:
