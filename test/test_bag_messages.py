@@ -20,6 +20,7 @@ from friction_estimator.bag.messages import (
     NoValueError,
     Want,
 )
+from friction_estimator.bag.placed import Placed
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.sample import NS_PER_S
 
@@ -147,6 +148,46 @@ def test_a_damaged_message_is_refused_and_never_crashes(kind, form, data):
     decoder = Decoder(EXTRACTORS[kind], Want(quantity), ros1=form == ROS1)
     with contextlib.suppress(LayoutError):
         decoder.many([bytes(raw)])
+
+
+def in_a_chunk(raws, rng):
+    """Return messages of one length at random places, in order, among other bytes."""
+    length, pieces, starts, at = len(raws[0]), [], [], 0
+    for raw in raws:
+        gap = rng.integers(0, 255, int(rng.integers(0, 40)), np.uint8).tobytes()
+        starts.append(at + len(gap))
+        pieces += [gap, raw]
+        at += len(gap) + length
+    return Placed(np.frombuffer(b"".join(pieces), np.uint8), np.array(starts, np.int64), length)
+
+
+@pytest.mark.parametrize("form", [CDR_LITTLE, CDR_BIG, ROS1])
+@pytest.mark.parametrize("kind", list(EXTRACTORS))
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(data=st.data())
+def test_numbers_taken_in_their_chunk_are_those_of_rows(kind, form, data):
+    """One byte of one message may be another: of a string, a length, the encapsulation or a number."""
+    rng = np.random.default_rng(data.draw(st.integers(0, 999)))
+    first = data.draw(message_of(kind, form))
+    raws = [bytearray(first) for _ in range(data.draw(st.integers(1, 9)))]
+    for raw in raws[1:]:
+        raw[-8:] = rng.bytes(8)
+    if data.draw(st.booleans()):
+        raws[-1][data.draw(st.integers(0, len(first) - 1))] ^= data.draw(st.integers(1, 255))
+    want = Want(sorted(EXTRACTORS[kind].feeds)[0], "x", data.draw(st.sampled_from(["", "a"])))
+    messages = in_a_chunk([bytes(raw) for raw in raws], rng)
+    found = []
+    for given_as in (messages, messages.rows(), [bytes(raw) for raw in raws]):
+        decoder = Decoder(EXTRACTORS[kind], want, ros1=form == ROS1)
+        try:
+            decoded = decoder.many(given_as)
+        except LayoutError as error:
+            found.append(str(error))
+            continue
+        stamps = decoded.stamp_ns if decoded.stamp_ns is None else decoded.stamp_ns[decoded.present].tolist()
+        arrays = decoded.value.tobytes(), decoded.value.dtype, decoded.present.tolist()
+        found.append((stamps, *arrays, decoder.absences, decoder.joints, decoder.frames))
+    assert found[0] == found[1] == found[2]
 
 
 @pytest.mark.parametrize("kind", [name for name, entry in EXTRACTORS.items() if entry.stamped])

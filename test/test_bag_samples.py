@@ -168,8 +168,7 @@ def lengths(tmp_path_factory):
     return str(folder / "short"), str(folder / "long")
 
 
-# Bytes a sample. Samples are 25, what was predicted is 8, marks of one byte are told from them; one column is there
-# twice while it is joined.
+# Bytes a sample. Samples are 25, what was predicted is 8, marks of one byte are told from them.
 @pytest.mark.parametrize("words", [["replay", "--law", "lms"], ["identify", "--fit-only"]])
 def test_what_a_verb_holds_of_a_long_recording(lengths, words):
     environment = {**os.environ, "PYTHONPATH": str(Path(samples.__file__).parents[2])}

@@ -21,7 +21,7 @@ from friction_estimator.bag.merge import Merge, OutOfOrderError
 from friction_estimator.bag.read import read_recording
 from friction_estimator.bag.samples import Read, sample_pieces, to_samples
 from friction_estimator.bag.serialise import sample_template, typestore
-from friction_estimator.bag.write import write_samples
+from friction_estimator.bag.write import TOPICS, write_samples
 from friction_estimator.cli import replay as verb
 from friction_estimator.cli.main import main
 from friction_estimator.core.online.replay import concluded, replay
@@ -329,15 +329,16 @@ def test_all_of_a_recording_is_read_in_the_thread(tmp_path, storage):
 # What is left at the end
 
 
-@pytest.mark.parametrize("count", [307, 614, 613])
+@pytest.mark.parametrize("count", [306, 307, 308, 614])
 def test_a_last_batch_that_is_full_is_paired(tmp_path, count):
-    """One topic with position and effort: its last message fills a batch, and nothing follows."""
-    k = np.arange(count)
+    """The last message of all fills the batch of its topic, and nothing follows."""
+    stamps = START + 1_000_000 * np.arange(count)
     with Writer(tmp_path / "run", version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
-        connection = writer.add_connection("/joint_states", "sensor_msgs/msg/JointState", typestore=typestore())
-        template = sample_template("sensor_msgs/msg/JointState", ("velocity", "friction"), joint="a")
-        rows = template.rows(START + 1_000_000 * k, 0.1 * np.sin(0.1 * k), np.cos(0.1 * k))
-        for time_ns, row in zip((START + 1_000_000 * k).tolist(), rows, strict=True):
-            writer.write(connection, time_ns, row.tobytes())
+        for name, first in (("velocity", 1), ("friction", 0)):
+            topic, kind = TOPICS[name]
+            connection = writer.add_connection(topic, kind, typestore=typestore())
+            rows = sample_template(kind, (name,)).rows(stamps, np.cos(0.1 * np.arange(count)))
+            for time_ns, row in list(zip(stamps.tolist(), rows, strict=True))[first:]:
+                writer.write(connection, time_ns, row.tobytes())
     _, admitted = samples.read_samples(tmp_path / "run", Config())
-    assert (admitted.read, len(admitted.samples)) == (count, count)
+    assert (admitted.read, len(admitted.samples)) == (count, count - 1)
