@@ -21,7 +21,9 @@ from friction_estimator.bag.samples import read_samples, to_samples
 from friction_estimator.bag.serialise import sample_template, typestore
 from friction_estimator.bag.write import TOPICS, write_samples
 from friction_estimator.core import growing
-from friction_estimator.core.sample import NS_PER_S, Samples
+from friction_estimator.core.intake.admission import Intake
+from friction_estimator.core.intake.pairing import FRICTION, VELOCITY
+from friction_estimator.core.sample import NS_PER_S, Samples, in_sequence
 from friction_estimator.core.settings.config import Config
 
 START = 1_700_000_000 * NS_PER_S
@@ -72,6 +74,26 @@ def test_blocks_that_do_not_divide_the_length_change_no_bit(tmp_path, storage, n
     loaded = Config.from_mapping({"load.terms": ["inertia"], "input.velocity_from": "position"})
     if n > 2:
         assert_alike(tmp_path / "run", loaded)
+
+
+def test_what_is_known_of_an_acceleration_is_that_of_the_intake(tmp_path):
+    """Noise and doubt of it too: what they say is learned from has to be the same live and in a recording."""
+    t = np.arange(2000) / 500.0
+    velocity = np.clip(30.0 * (np.abs(t % 1.0 - 0.5) - 0.25), -0.5, 0.5) + 1e-3 * np.sin(1e4 * t)
+    stamp = 10**18 + np.round(t * 1e9).astype(np.int64)
+    write_samples(tmp_path / "run", Samples(stamp, velocity, np.sign(velocity), np.arange(t.size) == 0))
+    config = Config.from_mapping({"load.terms": ["inertia"]})
+    samples = read_samples(tmp_path / "run", config)[1].samples
+    intake = Intake(config, capacity=t.size + 1)
+    first = intake.push(
+        np.tile([VELOCITY, FRICTION], t.size),
+        np.repeat(stamp, 2),
+        np.column_stack([velocity, np.sign(velocity)]).ravel(),
+    )
+    whole = in_sequence([first, intake.drain()])
+    assert whole.acceleration_doubt.any()
+    for name in ("acceleration_m_s2", "acceleration_variance", "acceleration_doubt"):
+        np.testing.assert_array_equal(getattr(samples, name), getattr(whole, name), err_msg=name)
 
 
 @settings(max_examples=25, deadline=None, derandomize=True)

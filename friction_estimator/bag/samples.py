@@ -21,7 +21,10 @@ from friction_estimator.core.settings.config import Config
 CHUNK = 32768
 """Events paired at a time."""
 
-LOAD_CHANNELS = {"position": "position_m", "acceleration": "acceleration_m_s2"}
+LOAD_CHANNELS = {
+    "position": ["position_m"],
+    "acceleration": ["acceleration_m_s2", "acceleration_variance", "acceleration_doubt"],
+}
 """What load terms need, made at admission where it was not recorded."""
 
 
@@ -145,7 +148,7 @@ class Admission:
         alone = {"input.mode": "joint_state"} if one_message and "velocity" not in self._names else {}
         self._intake = Intake(config.updated(alone))
         held = [field for name, field in _HELD.items() if name in self._names]
-        made = [field for name, field in LOAD_CHANNELS.items() if self._intake.load.needs(name)]
+        made = [field for name, fields in LOAD_CHANNELS.items() if self._intake.load.needs(name) for field in fields]
         shift = ["position_shift_m"] if "position" in self._names else []
         names = dict.fromkeys([*_ALWAYS, *held, *made, *shift])
         self._columns = {name: Column(_TYPES.get(name, np.float64)) for name in names}
