@@ -251,14 +251,17 @@ def equals(best: Candidate, others: Sequence[Candidate]) -> list[Candidate]:
     """Return the candidates that explain the record as well as the best one does, best first."""
     out = []
     for other in sorted(others, key=lambda c: -c.gain):
-        if other.name == best.name:
-            continue
-        energy = [c.model.joint.base.coefficients.memory_energy for c in (other, best)]
-        if energy[0] - energy[1] > MEMORY_EVIDENCE:  # the base's memory would have to do what the winner does alone
+        if other.name == best.name or needs_memory(best, other):
             continue
         if within_errors(best, other) or best.gain - other.gain < SET_SHARE * best.gain:
             out.append(other)
     return out
+
+
+def needs_memory(best: Candidate, other: Candidate) -> bool:
+    """Return whether beside the other one the base's memory would have to do what the best one does alone."""
+    energy = [c.model.joint.base.coefficients.memory_energy for c in (other, best)]
+    return energy[0] - energy[1] > MEMORY_EVIDENCE
 
 
 def within_errors(best: Candidate, other: Candidate) -> bool:

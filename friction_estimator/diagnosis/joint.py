@@ -10,12 +10,14 @@ from friction_estimator.diagnosis.base import BaseFit, reference_of
 from friction_estimator.diagnosis.base_problem import BaseProblem, Coefficients
 from friction_estimator.diagnosis.evidence import Evidence
 from friction_estimator.diagnosis.lagged import Extra
-from friction_estimator.diagnosis.library import columns_of, with_running_force
-from friction_estimator.diagnosis.own_columns import OnFilm, OwnColumns, Term, before, film_of, time_of
+from friction_estimator.diagnosis.library import with_running_force
+from friction_estimator.diagnosis.own_columns import OwnColumns, Term, before
 from friction_estimator.diagnosis.products import inner
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.seek import best_time, over_bends, over_jumps
 from friction_estimator.diagnosis.tangent import Tangent, chosen_rows, normal_equations
+from friction_estimator.diagnosis.term_columns import TermColumns
+from friction_estimator.effects.compose import FINE
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.reference import Reference
 
@@ -25,6 +27,10 @@ SETTLED, SETTLED_COST = 1e-3, 2e-3
 
 A column is made from tables of the base, and the base is fitted beside the column: a fixed point, whose cost still
 falls by a tenth a round where a parameter moves by a thousandth of its bracket."""
+
+RISES, RUN_AWAY = 4, 1.01
+"""Rounds in a row without a lower cost after which a joint fit ends, and the cost over the lowest one from which that
+round is taken instead: a fixed point may run away."""
 
 DAMPINGS = (1.0, 0.5, 0.25, 0.1)
 """Shares of a Gauss-Newton step of the refined parameters that are tried, the first that descends is taken."""
@@ -87,7 +93,7 @@ class JointFit:
         self._used = self._record.used if rows is None else self._record.used & rows[self._record.block]
         self._base = OwnColumns(problem, context)
         self._scans: JointFit | None = None
-        self._film: tuple[Features, dict[str, float], OnFilm | None] | None = None
+        self._columns = TermColumns(self._base)
 
     def __call__(
         self, terms: Sequence[Term] = (), start: Coefficients | None = None, rounds: int = ROUNDS, search: bool = True
@@ -111,50 +117,27 @@ class JointFit:
         columns = self._columns(terms, reference, features)
         base = self._fitted(terms, columns, base)
         terms = weighted(terms, columns, base.extra)
+        best, since = None, 0
         for _ in range(rounds):
             reference, features = self._reference(base, terms)
             before, cost = terms, base.cost
             terms, columns, base = self._stepped(terms, base, reference, features, anchors)
+            last = base, terms, reference, features, self._columns.forces
+            best, since = (last, 0) if best is None or base.cost < best[0].cost else (best, since + 1)
             still = abs(base.cost - cost) < SETTLED_COST * cost
-            if still and _largest_change(before, terms, anchors) < SETTLED:
+            if since == RISES or (still and _largest_change(before, terms, anchors) < SETTLED):
                 break
+        if best is not None and base.cost > RUN_AWAY * best[0].cost:
+            base, terms, reference, features, self._columns.forces = best
         return self._finished(base, terms, reference, features)
 
     def _reference(self, base: Coefficients, terms: Sequence[Term]) -> tuple[Reference, Features]:
         record = self._record
         fit = BaseFit.of(self._base(terms), base)
         reference = reference_of(fit, record, self._context.sign_velocity_m_s)
-        return reference, with_running_force(record.features, reference)
-
-    def _columns(self, terms: Sequence[Term], reference: Reference, features: Features) -> list[Floats]:
-        """Return the columns of each term, (n, c), at the time of the whole force; none where the base is changed."""
-        return [self._column(terms, i, reference, features) for i in range(len(terms))]
-
-    def _column(self, terms: Sequence[Term], i: int, reference: Reference, features: Features) -> Floats:
-        """Return the columns of one term, (n, c), at the time of the whole force where it acts before that."""
-        term, time = terms[i], time_of(terms)
-        if self._base.changed_by(term):
-            return np.zeros((features.size, 0))
-        if time is not None and not before(term.effect, time.effect):
-            time = None
-        if time is not None and time.effect.late_s(time.params) != 0.0:
-            features = with_running_force(self._base.at(time, features), reference)
-        made = columns_of(term.effect, term.params, features, reference)
-        lag = film_of(terms) if term.effect.follows_film() else None
-        film = None if lag is None else self._on_film(lag, features, reference)
-        if film is not None:
-            there = columns_of(term.effect, term.params, film.features, reference)
-            made = made + film.share * (film.factor[:, None] * there - made)
-        return made if time is None else time.effect.smoothed(time.params, made, features)
-
-    def _on_film(self, lag: Term, features: Features, reference: Reference) -> OnFilm | None:
-        """Return what follows a film that lags, with the running force there; the last one made is kept."""
-        if self._film is None or self._film[0] is not features or self._film[1] != lag.params:
-            film = self._base.film(lag, features, reference)
-            if film is not None:
-                film = replace(film, features=with_running_force(film.features, reference))
-            self._film = features, lag.params, film
-        return self._film[2]
+        features = with_running_force(record.features, reference)
+        self._columns.settle(fit.fitted_N, terms, reference, features)
+        return reference, features
 
     def _fitted(self, terms: Sequence[Term], columns: Sequence[Floats], start: Coefficients) -> Coefficients:
         """Fit base and coefficients for given columns."""
@@ -227,7 +210,7 @@ class JointFit:
 
         def loss(name: str, value: float) -> float:
             trial = [*terms[:-1], replace(terms[-1], params=params | {name: value})]
-            x = self._column(trial, len(trial) - 1, reference, features)[used]
+            x = self._columns.one(trial, len(trial) - 1, reference, features)[used]
             zx, xx = inner(z, x), inner(x, x)
             left = xx - zx.T @ inverse @ zx
             pull = inner(x, e) - zx.T @ inverse @ ze
@@ -311,11 +294,11 @@ class JointFit:
             moved = self._base.force(trial, fit.coefficients) - fit.fitted_N
             for j, one in enumerate(terms):
                 if j != i and term.effect.delays and before(one.effect, term.effect):
-                    later, now = (self._column(some, j, reference, features) for some in (trial, terms))
+                    later, now = (self._columns.one(some, j, reference, features) for some in (trial, terms))
                     if now.size:
                         moved = moved + (later - now) @ one.weights
             return np.asarray(moved / step)
-        moved = self._column(trial, i, reference, features)
+        moved = self._columns.one(trial, i, reference, features)
         return np.asarray((moved - column) @ term.weights / step)
 
     def _finished(self, base: Coefficients, terms: Sequence[Term], reference: Reference, features: Features) -> Joint:
@@ -351,6 +334,11 @@ class JointFit:
             held.append(np.where(shown, 0.0, HELD))
         penalty = np.concatenate([fit.penalty, *held])
         tangent = fit.tangent.beside_it(beside)
+        # What is screened beside this model acts on the whole force before the sensor.
+        inside = [
+            p for p, t in zip(parts, terms, strict=True) if not self._base.changed_by(t) and t.effect.stage in FINE
+        ]
+        features = features.with_force(fit.fitted_N + sum(inside))
         return Joint(
             fit, tuple(terms), reference, features, tuple(parts), residual, tangent, penalty, np.concatenate(scales)
         )

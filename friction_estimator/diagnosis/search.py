@@ -1,7 +1,7 @@
 """The search for causes: screen, gate, compare by joint refit, look one cause ahead where two come close."""
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import BaseProblem, Capacity
@@ -13,6 +13,7 @@ from friction_estimator.diagnosis.candidates import (
     Model,
     equals,
     gain_parts,
+    needs_memory,
     plainest,
     within_errors,
 )
@@ -82,12 +83,22 @@ class Cause:
     name : effect id. p_value : family-wise, None where evidence alone names it.
     gain : held-out decrease of the error power with what the prior of the memory saves, summed, N^2.
     rivals : effects that explain the data as well, best first.
+    behind_N2 : of others that come close, by how much less they explain, N^2.
     """
 
     name: str
     p_value: float | None
     gain: float
     rivals: tuple[str, ...]
+    behind_N2: Mapping[str, float] = field(default_factory=dict)
+
+    def within(self, left_N2: float) -> "Cause":
+        """Return the cause with those as rivals, too, that are behind by less than what no cause explains.
+
+        A model that misses that much says nothing of a smaller difference between two of them.
+        """
+        close = [name for name, behind in self.behind_N2.items() if behind < left_N2]
+        return replace(self, rivals=tuple(dict.fromkeys([*self.rivals, *close])))
 
 
 @dataclass(frozen=True)
@@ -173,7 +184,7 @@ class Searcher:
                     continue
             if found is None:
                 break
-            best, rivals = found
+            best, rivals, behind = found
             by_data = best.held_N2 > view.needed.get(best.name, view.least)
             if not self._admitted(model, best, by_data, causes) or not self._apart(best, weak):
                 refused.add(best.name)
@@ -186,7 +197,7 @@ class Searcher:
                 asked.append(best.name)
                 continue
             p_value = view.p_value(best.effect, best.held_N2) if by_data else None
-            causes.append(Cause(best.name, p_value, best.gain, rivals))
+            causes.append(Cause(best.name, p_value, best.gain, rivals, behind))
             models.append(best.model)
             refused.clear()
             weak.clear()
@@ -194,9 +205,10 @@ class Searcher:
                 place, last = needless
                 dropped.add(causes[place].name)
                 causes, models = self._without(place, last, causes, models)
+        left = self._left(models[-1])
         return Search(
             self.problem,
-            tuple(causes),
+            tuple(cause.within(left) for cause in causes),
             tuple(m.joint for m in models),
             view.thresholds,
             tuple(warnings),
@@ -302,8 +314,8 @@ class Searcher:
 
     def _winner(
         self, model: Model, view: View, causes: list[Cause], out: Collection[str]
-    ) -> tuple[Candidate, tuple[str, ...]] | None:
-        """Return the best candidate in its best form, and the names of its equals."""
+    ) -> tuple[Candidate, tuple[str, ...], dict[str, float]] | None:
+        """Return the best candidate in its best form, the names of its equals, and how far behind it others are."""
         fits = self._compared(model, view, out)
         top = max((c.gain for c in fits.values()), default=0.0)
         if top <= 0.0:
@@ -332,7 +344,9 @@ class Searcher:
             # Of equals the one whose cause was recorded is named: it needs no cause that nobody saw.
             best = measured
             same = equals(best, list(fits.values()))
-        return best, tuple(dict.fromkeys([*(c.name for c in same), *self._by_design(best.effect)]))
+        close = sorted((c for c in fits.values() if c.gain > CLOSE * best.gain), key=lambda c: -c.gain)
+        behind = {c.name: best.gain - c.gain for c in close if c.name != best.name and not needs_memory(best, c)}
+        return best, tuple(dict.fromkeys([*(c.name for c in same), *self._by_design(best.effect)])), behind
 
     def _ahead(self, best: Candidate, fits: Mapping[str, Candidate], plain: Mapping[str, Candidate]) -> Candidate:
         """Return the candidate that explains most together with the cause that would come after it.

@@ -250,6 +250,11 @@ class Effect:
         raise NotImplementedError
 
     @classmethod
+    def carries(cls, params: Params) -> bool:  # noqa: ARG003
+        """Return whether its columns are what bristles lack of the friction that they carry, at every speed."""
+        return False
+
+    @classmethod
     def follows_film(cls) -> bool:
         """Return whether its columns are friction at a speed, which a film that lags makes that of an earlier speed."""
         return cls.stage in STAGES[: STAGES.index("mechanics")] and cls.acts != REVERSAL

@@ -19,6 +19,7 @@ class Columns:
     size : number of columns.
     state : number of state variables.
     filtered : True where the effect acts before the base model's FIR: the columns then pass through it.
+    of_force : True where they are made from the force that runs at the effect's stage, `Features.force_N`.
     """
 
     def __init__(
@@ -27,9 +28,10 @@ class Columns:
         size: int = 1,
         state: int = 0,
         filtered: bool = False,
+        of_force: bool = False,
     ) -> None:
         self._compute = compute
-        self.size = size
+        self.size, self.of_force = size, of_force
         self._state = np.zeros(state)
         self._filtered = filtered
         self._ring: Floats | None = None

@@ -68,14 +68,16 @@ class PositionDependence(Effect):
     def columns(cls, params: Params) -> Columns:
         """Return cos and sin of 2 pi x / L in each direction, for each recording, times |F| where it `modulates`."""
 
+        modulates = params.get("modulates", 0.0) >= 0.5
+
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
             out = np.empty((f.size, 4))
             waves(f.position_m, f.direction, params["wavelength"], out)
-            if params.get("modulates", 0.0) >= 0.5:
+            if modulates:
                 out *= np.abs(f.force_N)[:, None]
             return own_phases(out, f, params)
 
-        return Columns(compute, 4 * round(params.get(RECORDINGS, 1.0)))
+        return Columns(compute, 4 * round(params.get(RECORDINGS, 1.0)), of_force=modulates)
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:

@@ -204,6 +204,11 @@ class Presliding(Effect):
         return Columns(compute, state=2)
 
     @classmethod
+    def carries(cls, params: Params) -> bool:
+        """In the spread shape they carry a share of the level."""
+        return params.get("spread", 0.0) >= 0.5
+
+    @classmethod
     def variants(cls, params: Params) -> list[dict[str, float]]:
         """Bristles of several lengths: generalised Maxwell slip. One exponential is nearest to the short ones."""
         return [dict(params) | {"spread": 1.0, "length": factor * params["length"]} for factor in (1.0, 8.0)]
@@ -294,7 +299,7 @@ class Backlash(Effect):
             play(f.step_s, f.previous_m_s, f.velocity_m_s, params["gap"], s, out)
             return -out * f.force_N
 
-        return Columns(compute, state=2)
+        return Columns(compute, state=2, of_force=True)
 
     signs = (1,)
     fixed_gain = True

@@ -146,7 +146,7 @@ class Saturation(Effect):
             force = f.force_N
             return (_soft(force, level) if soft else np.clip(force, -level, level)) - force
 
-        return Columns(compute)
+        return Columns(compute, of_force=True)
 
     @classmethod
     def detect(cls, view: DataView) -> Fault | None:

@@ -3,9 +3,12 @@
 hat_j(|v|),  j = 0 ... HATS - 1,  sum_j hat_j = 1,  nodes evenly spaced in asinh(|v| / bend)
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from friction_estimator.core.sample import Floats
+from friction_estimator.effects.features import Features
 from friction_estimator.effects.reference import BEND, Reference
 
 HATS = 6
@@ -52,3 +55,9 @@ def level(velocity_m_s: Floats, pressure_Pa: Floats, reference: Reference) -> Fl
     """Return the level F / S of friction in steady sliding, (n,), N: what stands behind the smooth sign."""
     moving = np.maximum(np.abs(velocity_m_s), LOWEST * reference.sign_velocity_m_s)
     return np.asarray(reference.force(moving, pressure_Pa) / reference.smooth_sign(moving))
+
+
+def sliding(features: Features, reference: Reference) -> Features:
+    """Return the features of a forward motion at the same speeds, none of them too slow for `level`."""
+    moving = np.maximum(np.abs(features.velocity_m_s), LOWEST * reference.sign_velocity_m_s)
+    return replace(features, velocity_m_s=moving, previous_m_s=moving)

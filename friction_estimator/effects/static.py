@@ -65,7 +65,7 @@ class DirectionAsymmetry(Effect):
         shape = params["shape"]
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
-            force = 0.5 * np.abs(f.force_N)
+            force = 0.5 * f.force_N * f.direction
             if shape >= FREE:
                 stands = 0.5 * np.abs(level(f.velocity_m_s, f.pressure_Pa, r))[:, None]
                 free = hats(f.velocity_m_s, r)[:, 1:]
@@ -76,7 +76,7 @@ class DirectionAsymmetry(Effect):
 
         if shape >= FREE:
             return Columns(compute, (HATS - 1) * (2 if shape >= TWICE else 1))
-        return Columns(compute, 1 if shape < 0.5 else 2)
+        return Columns(compute, 1 if shape < 0.5 else 2, of_force=True)
 
     @classmethod
     def variants(cls, params: Params) -> list[dict[str, float]]:

@@ -138,7 +138,7 @@ class GainStep(Step):
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
             return f.force_N * (f.time_s >= params["at"])
 
-        return Columns(compute)
+        return Columns(compute, of_force=True)
 
 
 def _after(trace: Trace, at: float, form: float) -> Floats:

@@ -1,0 +1,110 @@
+"""Columns of the effects of a model, each made from what stands before it: the force at its stage, film, bristles.
+
+An effect that scales a force scales all of it that is there at its stage: the base's with its own memories, and that of
+the other effects of the model. What the friction law is made of is carried by bristles with the rest of the law.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from friction_estimator.core.sample import Floats
+from friction_estimator.diagnosis.library import columns_of, with_running_force
+from friction_estimator.diagnosis.own_columns import OnFilm, OwnColumns, Term, before, film_of, time_of
+from friction_estimator.effects.features import Features
+from friction_estimator.effects.reference import Reference
+from friction_estimator.effects.shapes import level, sliding
+from friction_estimator.effects.trace import STAGES
+
+
+class TermColumns:
+    """Makes the columns of a model's terms.
+
+    Parameters
+    ----------
+    base : the base's problem with its own columns changed by some terms.
+
+    Attributes
+    ----------
+    forces : what `settle` has found, by name of the term, and the features for which it holds.
+    """
+
+    def __init__(self, base: OwnColumns) -> None:
+        self._base = base
+        self.forces: tuple[Features, dict[str, Floats]] | None = None
+        self._film: tuple[Features, dict[str, float], OnFilm | None] | None = None
+        self._lacking: tuple[Features, Term, Floats] | None = None
+
+    def settle(self, fitted_N: Floats, terms: Sequence[Term], reference: Reference, features: Features) -> None:
+        """Take the force that runs at the stage of each term from a fit, for columns at these features.
+
+        It is the base's, (n,), N, with what changes it, and that of the other terms up to the stage. Nothing is known
+        of it before a time of the whole force, where the static curve at the earlier time stands for it.
+        """
+        self.forces = None
+        time, forces = time_of(terms), dict[str, Floats]()
+        for i, term in enumerate(terms):
+            early = time is not None and before(term.effect, time.effect)
+            if early or self._base.changed_by(term) or not term.effect.columns(term.params).of_force:
+                continue
+            force = fitted_N
+            for j, other in enumerate(terms):
+                beside = other.weights.size and not self._base.changed_by(other)
+                if j != i and beside and not before(term.effect, other.effect):
+                    force = force + self.one(terms, j, reference, features) @ other.weights
+            forces[term.name] = force
+        self.forces = features, forces
+
+    def __call__(self, terms: Sequence[Term], reference: Reference, features: Features) -> list[Floats]:
+        """Return the columns of each term, (n, c), at the time of the whole force; none where the base is changed."""
+        return [self.one(terms, i, reference, features) for i in range(len(terms))]
+
+    def one(self, terms: Sequence[Term], i: int, reference: Reference, features: Features) -> Floats:
+        """Return the columns of one term, (n, c), at the time of the whole force where it acts before that."""
+        term, time = terms[i], time_of(terms)
+        if self._base.changed_by(term):
+            return np.zeros((features.size, 0))
+        forces = self.forces[1] if self.forces is not None and self.forces[0] is features else {}
+        if term.name in forces and term.effect.columns(term.params).of_force:
+            # The fitted force has film and bristles in it.
+            return columns_of(term.effect, term.params, features.with_force(forces[term.name]), reference)
+        if time is not None and not before(term.effect, time.effect):
+            time = None
+        if time is not None and time.effect.late_s(time.params) != 0.0:
+            features = with_running_force(self._base.at(time, features), reference)
+        if term.effect.stage == STAGES[0]:
+            made = self._on_bristles(term, terms, reference, features)
+        else:
+            made = columns_of(term.effect, term.params, features, reference)
+        lag = film_of(terms) if term.effect.follows_film() else None
+        film = None if lag is None else self._on_film(lag, features, reference)
+        if film is not None:
+            there = columns_of(term.effect, term.params, film.features, reference)
+            made = made + film.share * (film.factor[:, None] * there - made)
+        return made if time is None else time.effect.smoothed(time.params, made, features)
+
+    def _on_bristles(self, term: Term, terms: Sequence[Term], reference: Reference, features: Features) -> Floats:
+        """Return the columns of a term of the friction law, (n, c), as bristles carry them.
+
+        What they lack, as a share of the level that they carry, the term lacks of its own level.
+        """
+        made = columns_of(term.effect, term.params, features, reference)
+        bristles = next((t for t in terms if t.weights.size and t.effect.carries(t.params)), None)
+        if bristles is None:
+            return made
+        if self._lacking is None or self._lacking[0] is not features or self._lacking[1] is not bristles:
+            lacking = columns_of(bristles.effect, bristles.params, features, reference) @ bristles.weights
+            self._lacking = features, bristles, lacking / level(features.velocity_m_s, features.pressure_Pa, reference)
+        forward = sliding(features, reference)
+        stands = columns_of(term.effect, term.params, forward, reference)
+        return made + (self._lacking[2] / reference.smooth_sign(forward.velocity_m_s))[:, None] * stands
+
+    def _on_film(self, lag: Term, features: Features, reference: Reference) -> OnFilm | None:
+        """Return what follows a film that lags, with the running force there; the last one made is kept."""
+        if self._film is None or self._film[0] is not features or self._film[1] != lag.params:
+            film = self._base.film(lag, features, reference)
+            if film is not None:
+                film = replace(film, features=with_running_force(film.features, reference))
+            self._film = features, lag.params, film
+        return self._film[2]
