@@ -127,8 +127,9 @@ class Candidates:
         key = id(model), best.name
         if key not in self._shaped:
             for params in best.effect.variants(best.term.params):
-                # Each time of a film forms the base's products anew, and its other form is late by the same time.
-                other = self(model, best.name, params, search=not best.effect.in_theory)
+                # Each time of a film, or of the whole force, forms the base's products anew, and its other form is late
+                # by the same time.
+                other = self(model, best.name, params, search=not (best.effect.in_theory or best.effect.delays))
                 if other is None:
                     continue
                 more = max(other.freedom - best.freedom, 1)

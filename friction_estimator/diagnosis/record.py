@@ -17,6 +17,7 @@ from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import MARGIN, robust_top
 from friction_estimator.effects.extension import sign_velocity
 from friction_estimator.effects.features import Context, FeatureMaker, Features
+from friction_estimator.effects.grids import LONGEST_LENGTH
 from friction_estimator.effects.whole import shifted
 
 FEWEST_SAMPLES = 400
@@ -24,6 +25,9 @@ FEWEST_BLOCKS = 12
 USUAL_BLOCKS = 40
 SHORTEST_BLOCK = 64
 """Samples; shorter blocks would not be independent of each other."""
+
+STEEPEST = 0.999
+"""Quantile of the acceleration that counts as the largest: what turns the shaft within a gap."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +39,8 @@ class Record:
     samples : all recordings in one, their stamps made increasing.
     features : of the samples.
     friction_N : (n,), measured, repaired where a repair was needed.
-    used : (n,) bool, False for samples that are masked: at standstill, and by faults of the data.
+    used : (n,) bool, False for samples that are masked: at standstill, after gaps that hide a reversal, and by faults
+        of the data.
     restart : (n,) bool.
     block : (n,) int, number of the block, increasing; none reaches over two recordings.
     recording : (n,) int, number of the recording, from 0. Encoders may have another origin in each.
@@ -219,7 +224,7 @@ def described(samples: Samples, recording: Ints, config: Config) -> Record:
         samples=samples,
         features=features,
         friction_N=samples.friction_N.copy(),
-        used=~stands,
+        used=~(stands | _forgotten(features)),
         restart=restart,
         block=blocks(recording, count),
         recording=recording,
@@ -228,6 +233,23 @@ def described(samples: Samples, recording: Ints, config: Config) -> Record:
         standstill=stands,
         reversal_speed_m_s=level,
     )
+
+
+def _forgotten(features: Features) -> Bools:
+    """Return which samples follow a gap in which the shaft may have turned, (n,), until it has run a length of memory.
+
+    Where bristles or a gap stand there nobody knows; ten such samples can weigh more than all the noise. A gap in which
+    no acceleration of the record turns the shaft hides no reversal.
+    """
+    v, first = features.velocity_m_s, np.flatnonzero(features.step_s == 0.0)
+    after = first[1:]
+    top = float(np.quantile(np.abs(features.acceleration_m_s2), STEEPEST))
+    gone = features.time_s[after] - features.time_s[after - 1]
+    turned = (np.abs(v[after]) + np.abs(v[after - 1]) < top * gone) | (v[after] * v[after - 1] < 0.0)
+    hidden = np.full(v.size, -np.inf)
+    hidden[after[turned]] = features.distance_m[after[turned]]
+    length = LONGEST_LENGTH * float(np.ptp(features.position_m))
+    return np.asarray(features.distance_m - np.maximum.accumulate(hidden) < length)
 
 
 def feature_maker(config: Config, reversal_speed_m_s: float) -> FeatureMaker:

@@ -146,6 +146,20 @@ def force_lag(step, previous, velocity, pressure, tau, table, pressures, bend, r
         out[k] = state[0] - now
 
 
+@njit(cache=True)
+def signal_lag(step, values, tau, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """First-order lag of a signal that is linear between its samples. state = [y, last value, started]."""
+    for k in range(values.size):
+        if step[k] <= 0.0 or state[2] == 0.0:
+            state[0] = values[k]
+            state[2] = 1.0
+        else:
+            lag = (values[k] - state[1]) / step[k] * tau
+            state[0] = values[k] - lag + (state[0] - state[1] + lag) * np.exp(-step[k] / tau)
+        state[1] = values[k]
+        out[k] = state[0]
+
+
 DELAY_LINE = 1 + 2 * RING
 """Length of the state of `earlier`."""
 

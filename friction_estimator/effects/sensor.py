@@ -40,7 +40,7 @@ class SensorBias(Effect):
     """
 
     name = "sensor_bias"
-    family = "bias"
+    family = "zero"
     stage = "sensor"
     keys = (Key("bias", "N", 0.2, -1e6, 1e6, "constant added to the {force}"),)
     size_key = "bias"

@@ -12,7 +12,7 @@ from friction_estimator.effects.channels import seen_at
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import beyond_time, times
-from friction_estimator.effects.kernels import RING, force_delay, force_lag
+from friction_estimator.effects.kernels import RING, force_delay, force_lag, signal_lag
 from friction_estimator.effects.reference import FORCE, Reference
 from friction_estimator.effects.trace import Trace
 from friction_estimator.effects.whole import StaticTables, first_order
@@ -145,38 +145,47 @@ class SensorLowpass(Timing):
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
-        """Return LP(F) - F."""
+        """Return LP(F) - F, with two equal poles where they are asked for."""
+        tau, two = _pole(params)
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:
             out = np.empty(f.size)
-            force_lag(
-                f.step_s,
-                f.previous_m_s,
-                f.velocity_m_s,
-                f.pressure_Pa,
-                params["time_constant"],
-                r.tables[FORCE],
-                r.pressures_Pa,
-                r.bend_m_s,
-                r.reach,
-                s,
-                out,
-            )
+            table = (r.tables[FORCE], r.pressures_Pa, r.bend_m_s, r.reach)
+            force_lag(f.step_s, f.previous_m_s, f.velocity_m_s, f.pressure_Pa, tau, *table, s[:3], out)
+            if two:
+                force = r.force(f.velocity_m_s, f.pressure_Pa)
+                signal_lag(f.step_s, out + force, tau, s[3:], out)
+                out -= force
             return out
 
-        return Columns(compute, state=3, filtered=True)
+        return Columns(compute, state=6 if two else 3, filtered=True)
+
+    @classmethod
+    def variants(cls, params: Params) -> list[dict[str, float]]:
+        """Two equal poles, together of the same delay."""
+        return [dict(params) | {"poles": 2.0}]
 
     @classmethod
     def whole(cls, params: Params, tables: StaticTables, features: Features) -> Floats:
         """Return the lagged columns."""
-        return tables.lagged(features, params["time_constant"])
+        tau, two = _pole(params)
+        lagged = tables.lagged(features, tau)
+        return first_order(lagged, features, tau) if two else lagged
 
     @classmethod
     def smoothed(cls, params: Params, columns: Floats, features: Features) -> Floats:
         """Return the lagged columns."""
-        return first_order(columns, features, params["time_constant"])
+        tau, two = _pole(params)
+        lagged = first_order(columns, features, tau)
+        return first_order(lagged, features, tau) if two else lagged
 
     refined = ("time_constant",)
+
+
+def _pole(params: Params) -> tuple[float, bool]:
+    """Return the time constant of a pole, s, and whether there are two."""
+    two = params.get("poles", 1.0) >= 2.0
+    return params["time_constant"] * (0.5 if two else 1.0), two
 
 
 def lagged_force(force: Floats, step_s: float, tau: float) -> Floats:

@@ -1,0 +1,67 @@
+"""What an effect acts on: the whole force that is there at its stage, in the memories that the base has learned."""
+
+import numpy as np
+import pytest
+from diagnosis_records import abba
+
+from friction_estimator.core.settings.config import Config
+from friction_estimator.diagnosis.base_problem import BaseProblem
+from friction_estimator.diagnosis.joint import JointFit
+from friction_estimator.diagnosis.own_columns import Term
+from friction_estimator.diagnosis.record import build_record
+from friction_estimator.effects import EFFECTS, parse_effect
+from friction_estimator.rig.simulate import Scenario, simulate
+
+SEAL = Config.from_mapping({"theory.kind": "seal"})
+
+BRISTLES = "presliding:length=64e-6,spread=1"
+UNLIKE = "direction_asymmetry:shape=0"
+
+
+def term(text: str) -> Term:
+    """Return the regressor that `NAME:key=value,...` describes."""
+    name, _, rest = text.partition(":")
+    return Term(EFFECTS[name], {k: float(v) for k, v in (item.split("=") for item in rest.split(","))})
+
+
+@pytest.mark.parametrize(
+    ("plant", "hidden", "terms"),
+    [
+        # What bristles carry jumps, wears and warms with the rest, and is unlike by direction.
+        ("maxwell_slip", ["gain_step:step=0.05,at=20"], [BRISTLES, "gain_step:at=20"]),
+        ("maxwell_slip", ["wear:size=0.04,length=1"], [BRISTLES, "wear:length=1"]),
+        (
+            "maxwell_slip",
+            ["viscosity_drift:size=0.04,time_constant=20"],
+            [BRISTLES, "viscosity_drift:time_constant=20"],
+        ),
+        ("maxwell_slip", ["direction_asymmetry:asymmetry=0.06"], [BRISTLES, UNLIKE]),
+        # A rail and a gap see the force with what makes the directions unlike.
+        (
+            "clean",
+            ["direction_asymmetry:asymmetry=0.3", "saturation:level=9,form=1"],
+            [UNLIKE, "saturation:level=9,soft=1"],
+        ),
+        ("clean", ["direction_asymmetry:asymmetry=0.3", "backlash:gap=1e-5"], [UNLIKE, "backlash:gap=1e-5"]),
+        # The rail bends the force behind two unlike memories.
+        ("parallel_memory", ["saturation:level=9,form=1"], ["saturation:level=9,soft=1"]),
+    ],
+)
+def test_an_effect_acts_on_all_that_is_there_at_its_stage(plant, hidden, terms) -> None:
+    run = simulate(Scenario(abba(), plant, 200.0, 0.01, 3, tuple(parse_effect(e) for e in hidden)))
+    data = build_record([run.samples], SEAL)
+    fit = JointFit(BaseProblem(data, SEAL), data.context(SEAL, float(np.abs(data.friction_N).max())))
+    left = fit([term(text) for text in terms], search=False).residual_N[data.used]
+    assert np.sqrt(np.mean(np.square(left))) < 1.03 * run.noise_N.std()
+
+
+def test_a_fixed_point_that_runs_away_ends_at_its_best_round() -> None:
+    """What a hard rail cuts off, the data do not tell: the force beyond it drifts from round to round."""
+    hidden = (parse_effect("saturation:size=0.04"),)
+    run = simulate(Scenario(abba(), "maxwell_slip", 200.0, 0.01, 3, hidden))
+    data = build_record([run.samples], SEAL)
+    fit = JointFit(BaseProblem(data, SEAL), data.context(SEAL, float(np.abs(data.friction_N).max())))
+    without = fit([term(BRISTLES)], search=False)
+    rail = Term(EFFECTS["saturation"], {"level": run.effects[0].values["level"], "soft": 0.0})
+    beside = fit([*without.terms, rail], without.base.coefficients, search=False)
+    assert beside.base.coefficients.cost < without.base.coefficients.cost
