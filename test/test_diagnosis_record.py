@@ -38,6 +38,28 @@ def recorded(seconds=60.0, period_s=4.0, noise=0.0, pauses=(), origin=0.0, seed=
     return Samples(stamps, shown, np.sign(v) + 0.5 * v, restart, position_m=x)
 
 
+def without(samples, first_s, last_s):
+    """Return the samples without those of a piece, which begin anew after the gap."""
+    time = (samples.stamp_ns - 1) / NS_PER_S
+    kept = (time < first_s - 1e-6) | (time > last_s - 1e-6)
+    parts = {f.name: getattr(samples, f.name) for f in fields(samples)}
+    part = replace(samples, **{name: values[kept] for name, values in parts.items() if values is not None})
+    part.restart[np.flatnonzero(np.diff(np.flatnonzero(kept)) > 1)[0] + 1] = True
+    return part
+
+
+def test_what_follows_a_gap_that_may_hide_a_reversal_is_left_out():
+    """Where bristles stand then nobody knows, until the shaft has run 4 % of its stroke: 0.05 m at 1 m/s."""
+    turned = build_record([without(recorded(), 21.0, 23.0)], Config())
+    assert np.flatnonzero(~turned.used & (turned.features.time_s > 1.0)).tolist() == list(range(2100, 2106))
+    # Back on the same side after a whole period: two reversals.
+    twice = build_record([without(recorded(), 21.0, 25.0)], Config())
+    assert not twice.used[2100]
+    # No acceleration of this record turns the shaft within 50 ms.
+    lost = build_record([without(recorded(), 21.0, 21.05)], Config())
+    assert lost.used[2050:2200].all()
+
+
 def test_gaps_are_recorded_time_and_no_running_time():
     record = build_record([recorded(pauses=((20.0, 30.0), (40.0, 5.0)))], Config())
     f = record.features

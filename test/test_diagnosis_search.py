@@ -5,6 +5,8 @@ from diagnosis_records import names, record
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.diagnose import diagnose
+from friction_estimator.diagnosis.search import Cause
+from friction_estimator.effects import EFFECTS
 from friction_estimator.rig.drive import segment
 
 ONE_PRESSURE = (segment(1.0, 50.0, 20.0), segment(5.0, 50.0, 40.0))
@@ -22,3 +24,19 @@ ONE_PRESSURE = (segment(1.0, 50.0, 20.0), segment(5.0, 50.0, 40.0))
 def test_the_set_is_what_is_hidden_and_the_plants_trait(hidden, plant, segments, found) -> None:
     result = diagnose([record(hidden, plant=plant, segments=segments)], Config())
     assert set(names(result)) == found
+
+
+def test_a_bias_is_named_beside_directions_that_are_unlike() -> None:
+    """The asymmetry's free shapes take up most of a bias; at standstill and reversals they cannot."""
+    hidden = ["direction_asymmetry:asymmetry=0.3", "sensor_bias:bias=0.3"]
+    both = {name: EFFECTS[name] for name in ("direction_asymmetry", "sensor_bias")}
+    found = diagnose([record(hidden)], Config(), catalogue=both)
+    assert set(names(found)) == set(both)
+    bias = next(e for e in found.effects if e.name == "sensor_bias").parameters["bias"]
+    assert bias.value == pytest.approx(0.3, rel=0.15)
+
+
+def test_a_difference_below_what_no_cause_explains_makes_a_rival() -> None:
+    cause = Cause("sensor_lowpass", None, 10.0, ("presliding",), {"time_delay": 0.3, "backlash": 2.0})
+    assert cause.within(0.2).rivals == ("presliding",)
+    assert cause.within(0.5).rivals == ("presliding", "time_delay")

@@ -29,6 +29,7 @@ PHYSICAL = {
     "position_dependence": ("wavelength",),
     "periodic_disturbance": ("frequency",),
     "sensor_drift": ("total",),
+    "saturation": ("level",),
 }
 """Quantities that every form of the effect has."""
 

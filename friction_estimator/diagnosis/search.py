@@ -57,7 +57,7 @@ SECOND_LEFT, ALIKE_LEFT = 0.2, 0.8
 the rig, must not hide a second one."""
 
 CLOSE = 0.6
-"""Of the best gain: what another candidate must bring to be compared with the best one cause ahead."""
+"""Of the best gain: what a candidate of another family must bring to be compared with the best one cause ahead."""
 
 OPTIONS, FOLLOWERS = 4, 2
 """Candidates that are compared so, the best included, and effects that are fitted beside each."""
@@ -351,17 +351,17 @@ class Searcher:
     def _ahead(self, best: Candidate, fits: Mapping[str, Candidate], plain: Mapping[str, Candidate]) -> Candidate:
         """Return the candidate that explains most together with the cause that would come after it.
 
-        Looked at only where another one comes close, or the best one in its `plain` form, and the best one leaves more
-        than noise: another form of a cause, or another cause of its family, may make up for half of what a second cause
-        does. What was recorded is not given up for what nobody saw. A cause more must bring its share, and a parameter
-        more what it brings beyond chance.
+        Looked at only where another family comes close, or the best one in its `plain` form, and the best one leaves
+        more than noise: another form of a cause may make up for half of what a second cause does. What was recorded is
+        not given up for what nobody saw. A cause more must bring its share, and a parameter more what it brings beyond
+        chance.
         """
         if best.effect.recorded:
             return best
         close = [
             c
             for c in sorted(fits.values(), key=lambda c: -c.gain)
-            if c.name != best.name and c.gain > CLOSE * best.gain
+            if c.effect.family != best.effect.family and c.gain > CLOSE * best.gain
         ]
         first = plain.get(best.name, best)
         options = [best] if first is best else [best, first]

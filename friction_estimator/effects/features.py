@@ -64,7 +64,8 @@ class Features:
     distance_m : distance run since the first sample.
     since_reversal_m, since_reversal_s : distance and time since the last reversal, noise about zero not counted as one.
     direction : -1, 0 (not moved yet) or 1.
-    force_N : force of the fitted base model, its FIR included; zeros until a reference is known.
+    force_N : force of the fitted base model, its FIR included, in a joint fit that of other effects, too; zeros until a
+        reference is known.
     active_time_s : running time, in which a gap or pause counts as one sample period.
     piece : number of the gap-free piece, from 0. recording : number of the recording, from 0; each may have an origin
         of position and of phase of its own. A live node has one recording.

@@ -121,10 +121,10 @@ def substeps(before, now, bend):  # type: ignore[no-untyped-def] # pragma: no co
 
 
 @njit(cache=True)
-def force_lag(step, previous, velocity, pressure, tau, table, pressures, bend, reach, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """First-order lag of F(v(t), p): out = LP(F) - F. state = [y, F at the last step, started].
+def force_lag(step, previous, velocity, pressure, tau, twice, table, pressures, bend, reach, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """First-order lag of F(v(t), p), or two equal ones in series: out = LP(F) - F.
 
-    F is linear within a step, for which the lag's answer is exact.
+    F is linear within a step, for which the lag's answer is exact. state = [y, F at the last step, started, second y].
     """
     for k in range(velocity.size):
         now = lookup(table, pressures, bend, reach, velocity[k], pressure[k])
@@ -132,6 +132,7 @@ def force_lag(step, previous, velocity, pressure, tau, table, pressures, bend, r
             state[0] = now
             state[1] = now
             state[2] = 1.0
+            state[3] = now
             out[k] = 0.0
             continue
         count = substeps(previous[k], velocity[k], bend)
@@ -141,23 +142,11 @@ def force_lag(step, previous, velocity, pressure, tau, table, pressures, bend, r
             v = previous[k] + (velocity[k] - previous[k]) * i / count
             f = now if i == count else lookup(table, pressures, bend, reach, v, pressure[k])
             slope = (f - state[1]) / dt
-            state[0] = f - slope * tau + (state[0] - state[1] + slope * tau) * decay
+            away = state[0] - state[1] + slope * tau
+            state[3] = f - 2.0 * slope * tau + (state[3] - state[1] + 2.0 * slope * tau + away * dt / tau) * decay
+            state[0] = f - slope * tau + away * decay
             state[1] = f
-        out[k] = state[0] - now
-
-
-@njit(cache=True)
-def signal_lag(step, values, tau, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """First-order lag of a signal that is linear between its samples. state = [y, last value, started]."""
-    for k in range(values.size):
-        if step[k] <= 0.0 or state[2] == 0.0:
-            state[0] = values[k]
-            state[2] = 1.0
-        else:
-            lag = (values[k] - state[1]) / step[k] * tau
-            state[0] = values[k] - lag + (state[0] - state[1] + lag) * np.exp(-step[k] / tau)
-        state[1] = values[k]
-        out[k] = state[0]
+        out[k] = (state[3] if twice else state[0]) - now
 
 
 DELAY_LINE = 1 + 2 * RING

@@ -12,7 +12,7 @@ from friction_estimator.effects.channels import seen_at
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import beyond_time, times
-from friction_estimator.effects.kernels import RING, force_delay, force_lag, signal_lag
+from friction_estimator.effects.kernels import RING, force_delay, force_lag
 from friction_estimator.effects.reference import FORCE, Reference
 from friction_estimator.effects.trace import Trace
 from friction_estimator.effects.whole import StaticTables, first_order
@@ -151,14 +151,10 @@ class SensorLowpass(Timing):
         def compute(f: Features, r: Reference, s: Floats) -> Floats:
             out = np.empty(f.size)
             table = (r.tables[FORCE], r.pressures_Pa, r.bend_m_s, r.reach)
-            force_lag(f.step_s, f.previous_m_s, f.velocity_m_s, f.pressure_Pa, tau, *table, s[:3], out)
-            if two:
-                force = r.force(f.velocity_m_s, f.pressure_Pa)
-                signal_lag(f.step_s, out + force, tau, s[3:], out)
-                out -= force
+            force_lag(f.step_s, f.previous_m_s, f.velocity_m_s, f.pressure_Pa, tau, two, *table, s, out)
             return out
 
-        return Columns(compute, state=6 if two else 3, filtered=True)
+        return Columns(compute, state=4, filtered=True)
 
     @classmethod
     def variants(cls, params: Params) -> list[dict[str, float]]:
@@ -169,8 +165,7 @@ class SensorLowpass(Timing):
     def whole(cls, params: Params, tables: StaticTables, features: Features) -> Floats:
         """Return the lagged columns."""
         tau, two = _pole(params)
-        lagged = tables.lagged(features, tau)
-        return first_order(lagged, features, tau) if two else lagged
+        return tables.lagged(features, tau, two)
 
     @classmethod
     def smoothed(cls, params: Params, columns: Floats, features: Features) -> Floats:

@@ -62,12 +62,15 @@ class StaticTables:
         _columns(velocity_m_s, pressure_Pa, self.values, self.pressures_Pa, self.bend_m_s, self.reach, out)
         return out
 
-    def lagged(self, features: Features, time_constant_s: float) -> Floats:
-        """Return the first-order lag of the columns, (n, m); each piece starts in equilibrium."""
+    def lagged(self, features: Features, time_constant_s: float, twice: bool = False) -> Floats:
+        """Return the first-order lag of the columns, or two equal ones in series, (n, m).
+
+        Each piece starts in equilibrium.
+        """
         out = np.empty((features.size, self.values.shape[2]))
         args = (self.values, self.pressures_Pa, self.bend_m_s, self.reach)
         f = features
-        _lagged(f.step_s, f.previous_m_s, f.velocity_m_s, f.pressure_Pa, time_constant_s, *args, out)
+        _lagged(f.step_s, f.previous_m_s, f.velocity_m_s, f.pressure_Pa, time_constant_s, twice, *args, out)
         return out
 
 
@@ -155,9 +158,9 @@ def _columns(velocity, pressure, values, pressures, bend, reach, out):  # type: 
 
 
 @njit(cache=True)
-def _lagged(step, previous, velocity, pressure, tau, values, pressures, bend, reach, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def _lagged(step, previous, velocity, pressure, tau, twice, values, pressures, bend, reach, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     steps, width = values.shape[1] - 1, values.shape[2]
-    state, last, now = np.zeros(width), np.zeros(width), np.zeros(width)
+    state, last, now, second = np.zeros(width), np.zeros(width), np.zeros(width), np.zeros(width)
     for k in range(velocity.size):
         if k == 0 or step[k] <= 0.0:
             i, part, j, q = _place(pressures, bend, reach, steps, velocity[k], pressure[k])
@@ -165,6 +168,7 @@ def _lagged(step, previous, velocity, pressure, tau, values, pressures, bend, re
             for c in range(width):
                 state[c] = now[c]
                 last[c] = now[c]
+                second[c] = now[c]
                 out[k, c] = now[c]
             continue
         count = substeps(previous[k], velocity[k], bend)
@@ -176,7 +180,11 @@ def _lagged(step, previous, velocity, pressure, tau, values, pressures, bend, re
             _row(values, i, part, j, q, now)
             for c in range(width):
                 slope = (now[c] - last[c]) / dt
-                state[c] = now[c] - slope * tau + (state[c] - last[c] + slope * tau) * decay
+                away = state[c] - last[c] + slope * tau
+                second[c] = (
+                    now[c] - 2.0 * slope * tau + (second[c] - last[c] + 2.0 * slope * tau + away * dt / tau) * decay
+                )
+                state[c] = now[c] - slope * tau + away * decay
                 last[c] = now[c]
         for c in range(width):
-            out[k, c] = state[c]
+            out[k, c] = second[c] if twice else state[c]
