@@ -13,9 +13,7 @@ whatever the noise is, if white.
 import argparse
 
 import numpy as np
-from run import DRIVES, GEARED, MAIN, cases, record
-
-from friction_estimator.core.sample import Floats
+from run import DRIVES, GEARED, JOINT, MAIN, PENDULUM, cases, geared, record, stribeck
 
 REST = 0.02
 """Of the top speed, below which samples do not count."""
@@ -23,23 +21,7 @@ REST = 0.02
 STEP = 1e-5
 
 
-def geared(v: Floats, load: Floats, p: Floats) -> Floats:
-    """The geared joint's friction with its numbers as parameters."""
-    coulomb, more, speed, width, unlike, viscous, power, share = p
-    level = coulomb + more * np.exp(-np.abs(v) / speed) + share * np.abs(load)
-    return level * np.tanh(v / width) * (1.0 + unlike * np.sign(v)) + viscous * np.sign(v) * np.abs(v) ** power
-
-
-def pendulum(v: Floats, load: Floats, p: Floats) -> Floats:  # noqa: ARG001
-    """The pendulum's."""
-    coulomb, more, speed, width, viscous = p
-    return coulomb * (1.0 + more * np.exp(-np.square(v / speed))) * np.tanh(v / width) + viscous * v
-
-
-FORMS = {
-    GEARED: (geared, np.array([1.0, 0.4, 0.3, 0.03, 0.1, 0.4, 0.7, 0.03])),
-    "pendulum": (pendulum, np.array([1.0, 0.5, 0.6, 0.04, 0.15])),
-}
+FORMS = {GEARED: (geared, np.array(JOINT)), "pendulum": (stribeck, np.array(PENDULUM))}
 
 
 def bound(plant: str, drive: str, rate_hz: float, seed: int) -> float:
@@ -50,7 +32,10 @@ def bound(plant: str, drive: str, rate_hz: float, seed: int) -> float:
     load = rec.load / np.std(rec.load)
     moves = np.abs(v) > REST * np.abs(v).max()
     jacobian = np.column_stack(
-        [(form(v, load, numbers + d) - form(v, load, numbers - d)) / (2.0 * STEP) for d in STEP * np.eye(numbers.size)]
+        [
+            (form(v, load, v, numbers + d) - form(v, load, v, numbers - d)) / (2.0 * STEP)
+            for d in STEP * np.eye(numbers.size)
+        ]
     )[moves]
     columns = np.column_stack([a, np.sin(q), np.cos(q)])[moves]
     basis, _ = np.linalg.qr(columns / np.sqrt(np.mean(np.square(columns), axis=0)))

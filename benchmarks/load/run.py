@@ -11,7 +11,7 @@ The plants of `simulate` stand beside friction of other forms that nothing was c
 import argparse
 import sys
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -45,16 +45,27 @@ Friction = Callable[[Floats, Floats, Floats], Floats]
 """(velocity, load, time step) -> friction, N m, in units of the joint's Coulomb level."""
 
 
-def stribeck(v: Floats, load: Floats, step_s: Floats) -> Floats:  # noqa: ARG001
+SHARE = 0.03
+"""Of the load that joins the friction of the geared joint."""
+
+PENDULUM = (1.0, 0.5, 0.6, 0.04, 0.15)
+"""Numbers of `stribeck`: Coulomb level, its excess at rest, Stribeck speed, width of the reversal, viscous."""
+
+JOINT = (1.0, 0.4, 0.3, 0.03, 0.1, 0.4, 0.7, SHARE)
+"""Those of `geared`: the same four, how unlike the directions are, viscous and its power, share of the load."""
+
+
+def stribeck(v: Floats, load: Floats, step_s: Floats, numbers: Sequence[float] = PENDULUM) -> Floats:  # noqa: ARG001
     """The pendulum's form."""
-    return (1.0 + 0.5 * np.exp(-np.square(v / 0.6))) * np.tanh(v / 0.04) + 0.15 * v
+    coulomb, excess, speed, width, viscous = numbers
+    return coulomb * (1.0 + excess * np.exp(-np.square(v / speed))) * np.tanh(v / width) + viscous * v
 
 
-def geared(v: Floats, load: Floats, step_s: Floats) -> Floats:  # noqa: ARG001
+def geared(v: Floats, load: Floats, step_s: Floats, numbers: Sequence[float] = JOINT) -> Floats:  # noqa: ARG001
     """The geared joint's form: unlike directions, teeth that rub more under load."""
-    sign, viscous = np.tanh(v / 0.03), 0.4 * np.sign(v) * np.abs(v) ** 0.7
-    coulomb = 1.0 + 0.4 * np.exp(-np.abs(v) / 0.3) + SHARE * np.abs(load)
-    return coulomb * sign * (1.0 + 0.1 * np.sign(v)) + viscous
+    coulomb, excess, speed, width, unlike, viscous, power, share = numbers
+    level = coulomb + excess * np.exp(-np.abs(v) / speed) + share * np.abs(load)
+    return level * np.tanh(v / width) * (1.0 + unlike * np.sign(v)) + viscous * np.sign(v) * np.abs(v) ** power
 
 
 def lugre(v: Floats, load: Floats, step_s: Floats) -> Floats:  # noqa: ARG001
@@ -130,8 +141,6 @@ MAIN = tuple(DRIVES)[:4]
 
 GEARED = "geared_joint"
 FOLLOWING = "load_dependence"
-SHARE = 0.03
-"""Of the load that joins the friction of the geared joint."""
 
 
 @dataclass(frozen=True)
