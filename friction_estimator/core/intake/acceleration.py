@@ -42,6 +42,8 @@ RIVALS = (5, 7)
 are larger than they usually are: a motion that is always too fast for the cubic, or noise that is not white, is then no
 corner, and stays what the cubic makes of it."""
 
+DEGREES = (*RIVALS, DEGREE)
+
 LEAST = 2
 """Samples on either side that a window has at least, where the rate is low."""
 
@@ -221,11 +223,12 @@ def slopes(stamp_ns, velocity, restart, width_ns, corners, usual, first, stop, o
         span = (stamp_ns[high] - stamp_ns[low]) / NS_PER_S
         if count < 2 or not span > 0.0:
             continue
-        power = 0.0
+        power = motion = 0.0
         for j in range(count):
             time[j] = (stamp_ns[low + j] - stamp_ns[i]) / NS_PER_S / span
             value[j] = velocity[low + j] - velocity[i]
             power += value[j] * value[j]
+            motion += velocity[low + j] * velocity[low + j]
         degree = min(DEGREE, count - 1)
         _polynomials(time, value, count, degree, now, before, smooth)
         slope, spread, left = smooth[degree]
@@ -238,16 +241,16 @@ def slopes(stamp_ns, velocity, restart, width_ns, corners, usual, first, stop, o
             # Beyond this all corners together weigh less than `NEGLIGIBLE` beside the cubic.
             most = (left + floor) * (CORNER_ODDS / NEGLIGIBLE) ** (2.0 / count)
             found = pairs[: _corners(time, value, count, i - low, most, pairs)]
+            highest = min(RIVALS[-1], count - 4)  # whose AICc is finite
             if found.shape[0] > 0:
-                _polynomials(time, value, count, min(RIVALS[-1], count - 4), now, before, smooth)
-                _average(smooth, found, count, floor, False, told)
-            moves = np.mean(np.square(velocity[low : high + 1])) > MOVES * told[ERRORS]
+                _polynomials(time, value, count, highest, now, before, smooth)
+                _average(smooth, found, count, highest, floor, False, told)
+            moves = motion / count > MOVES * told[ERRORS]
             if moves and not _is_usual(usual, told[ERRORS], count):
-                most = _most_usual(usual, count)
-                if told[ERRORS] > STRONG * most:
+                if told[ERRORS] > STRONG * _most_usual(usual, count):
                     if found.shape[0] == 0:
-                        _polynomials(time, value, count, min(RIVALS[-1], count - 4), now, before, smooth)
-                    _average(smooth, found, count, floor, True, told)
+                        _polynomials(time, value, count, highest, now, before, smooth)
+                    _average(smooth, found, count, highest, floor, True, told)
                 # What is left may be a further corner; the half width is half of the span.
                 doubt[i - first] = 4.0 * CORNER * max(0.0, told[ERRORS] - np.exp(usual[0]))
             doubt[i - first] += told[APART]
@@ -261,42 +264,42 @@ SLOPE, NOISE, ERRORS, APART = range(4)
 
 
 @njit(cache=True)
-def _average(smooth, corners, count, floor, exceptional, told):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Fill `told`, (4,), with means over polynomials and corners, each by its evidence.
+def _average(smooth, corners, count, highest, floor, exceptional, told):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Fill `told`, (4,), with means over the polynomials up to a degree and the corners, each by its evidence.
 
     The higher polynomials have a slope of their own in an `exceptional` window only, and the cubic's in others (see
     `RIVALS`). The last of `told` is by how much the slopes differ beyond noise: their variance about the mean, less
     `NOISE_LIKE` times their own mean variance, 0 at the least.
     """
-    most = min(RIVALS[-1], count - 4)  # the highest degree whose AICc is finite
     prior = np.log(CORNER_ODDS / count)
-    free = count - DEGREE - 1
-    best = _evidence(smooth[DEGREE, 2] + floor, count, DEGREE + 1)
+    cubic, best = smooth[DEGREE, 0], -np.inf
+    for degree in DEGREES:
+        if degree <= highest:
+            best = max(best, _evidence(smooth[degree, 2] + floor, count, degree + 1))
     for k in range(corners.shape[0]):
         best = max(best, prior + _evidence(corners[k, 2] + floor, count, DEGREE + 1))
-    for degree in RIVALS:
-        if degree <= most:
-            best = max(best, _evidence(smooth[degree, 2] + floor, count, degree + 1))
     told[:] = 0.0
     total, square = 0.0, 0.0
-    for k in range(-1 - len(RIVALS), corners.shape[0]):
-        degree = DEGREE if k == -1 else (RIVALS[k + len(RIVALS) + 1] if k < 0 else 0)
-        if degree > most:
-            continue
-        if degree:
+    for degree in DEGREES:
+        if degree <= highest:
             weight = np.exp(_evidence(smooth[degree, 2] + floor, count, degree + 1) - best)
             taken = degree if exceptional else DEGREE
-            slope, spread, errors = smooth[taken, 0], smooth[taken, 1], smooth[taken, 2] / (count - taken - 1)
-        else:
-            weight = np.exp(prior + _evidence(corners[k, 2] + floor, count, DEGREE + 1) - best)
-            slope, spread, errors = corners[k, 0], corners[k, 1], corners[k, 2] / free
+            errors = smooth[taken, 2] / (count - taken - 1)
+            total += weight
+            told[SLOPE] += weight * smooth[taken, 0]
+            told[NOISE] += weight * errors * smooth[taken, 1]
+            told[ERRORS] += weight * errors
+            square += weight * (smooth[taken, 0] - cubic) ** 2
+    for k in range(corners.shape[0]):
+        weight = np.exp(prior + _evidence(corners[k, 2] + floor, count, DEGREE + 1) - best)
+        errors = corners[k, 2] / (count - DEGREE - 1)
         total += weight
-        told[SLOPE] += weight * slope
-        told[NOISE] += weight * errors * spread
+        told[SLOPE] += weight * corners[k, 0]
+        told[NOISE] += weight * errors * corners[k, 1]
         told[ERRORS] += weight * errors
-        square += weight * (slope - smooth[DEGREE, 0]) ** 2
+        square += weight * (corners[k, 0] - cubic) ** 2
     told /= total
-    apart = square / total - (told[SLOPE] - smooth[DEGREE, 0]) ** 2
+    apart = square / total - (told[SLOPE] - cubic) ** 2
     told[APART] = max(0.0, apart - NOISE_LIKE * told[NOISE])
 
 

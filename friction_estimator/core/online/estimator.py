@@ -20,7 +20,7 @@ from friction_estimator.core.online.workspace import Workspace
 from friction_estimator.core.sample import Bools, Floats, Samples
 from friction_estimator.core.settings.config import PARAMETERS, Config
 from friction_estimator.core.settings.setting import Value
-from friction_estimator.core.settings.units import CHOSEN_UNITS
+from friction_estimator.core.settings.units import CHOSEN_UNITS, with_units_of
 from friction_estimator.core.text import LONGEST_NAME, shown
 
 STATE_VERSION = 5
@@ -32,7 +32,7 @@ STATE_WITHOUT_KEPT = 3
 """The one before: no models kept aside either, and three more moments of an alarm that is no more."""
 
 SINCE_THE_LOAD = ("load.terms", "load.half_width")
-"""Settings that states from before there were loads, or corners, do not name: those were learned without."""
+"""Settings that states from before there were loads do not name: those were learned without."""
 
 STRUCTURE = (
     "model.type",
@@ -210,7 +210,7 @@ class Estimator:
         self.model = Model(before.config.updated({"learned.force_unit": rise * before.unit_N}), before.extension)
         self._prior = Prior.of(self.model)
         self.work = in_larger_units(self.work, before, self.model, self._prior)
-        self.config = self.config.updated({name: PARAMETERS[name].of(self.model.config) for name in CHOSEN_UNITS})
+        self.config = with_units_of(self.config, self.model.config)
         self.work.law[:] = constants(self.law, self.config, self.model.basis)
 
     def step(

@@ -22,8 +22,8 @@ from friction_estimator.core.online import workspace as at
 from friction_estimator.core.online.adaptation import Law, constants
 from friction_estimator.core.online.workspace import Workspace
 from friction_estimator.core.sample import Floats, Ints
-from friction_estimator.core.settings.config import PARAMETERS, Config
-from friction_estimator.core.settings.units import ALONE_ABOVE, CHOSEN_UNITS, MARGIN
+from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.units import ALONE_ABOVE, MARGIN, with_units_of
 
 LARGEST_GROWTH = 10.0
 """Largest factor by which the range grows at once: faster drives take another twenty samples, and a burst of absurd
@@ -124,7 +124,7 @@ class Growth:
     @cached_property
     def config(self) -> Config:
         """The configuration with the larger range."""
-        return self._given.updated({name: PARAMETERS[name].of(self.after.config) for name in CHOSEN_UNITS})
+        return with_units_of(self._given, self.after.config)
 
     @cached_property
     def constants(self) -> Floats:

@@ -11,7 +11,7 @@ import numpy as np
 
 from friction_estimator.core import sums
 from friction_estimator.core.sample import Floats, Samples
-from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.config import PARAMETERS, Config
 
 CHOSEN_UNITS = ("learned.velocity_range", "learned.velocity_scale", "learned.force_unit")
 """Settings that are chosen so."""
@@ -54,6 +54,11 @@ LEAST_SIDE = 0.05
 
 NO_VELOCITY, NO_FORCE = 0.15, 10.0
 """Scales (m/s and N) where a recording ends without any motion, or without any friction."""
+
+
+def with_units_of(config: Config, other: Config) -> Config:
+    """Return a configuration with the range and units of another one."""
+    return config.updated({name: PARAMETERS[name].of(other) for name in CHOSEN_UNITS})
 
 
 def shown(samples: Samples) -> bool:
