@@ -97,6 +97,18 @@ def test_beyond_the_former_range_g_keeps_its_edge_value(model_type, fast):
     assert np.abs(now - held).max() < 0.05 * np.abs(held).max() + 0.01 * before.model.unit_N
 
 
+def test_a_range_that_was_written_down_without_its_scale_keeps_its_functions():
+    written = estimator_for(faster()).config.updated({"learned.velocity_scale": 0.0})
+    estimator = Estimator(written)
+    estimator.run(faster()[: 4 * RATE])
+    velocity, unit = np.linspace(-SLOW, SLOW, 21), estimator.model.basis.unit
+    before = curve(estimator, velocity)
+    estimator.run(beyond(GROW_AFTER, 0.02))
+    assert estimator.health.grown == 1
+    assert estimator.model.basis.unit == unit
+    np.testing.assert_allclose(curve(estimator, velocity), before, atol=UNCHANGED * estimator.model.unit_N)
+
+
 @pytest.mark.parametrize("model_type", MODELS)
 def test_within_the_former_range_predictions_are_what_they_would_have_been(model_type):
     before, after = grown(model_type)
@@ -179,8 +191,9 @@ def test_what_takes_long_is_made_before_the_range_grows(monkeypatch):
         "prior_arrays",
         "cho_factor",
         "cho_solve",
-        "_matrix",
-        "placed",
+        "_add_squares",
+        "_add_missing",
+        "placed_zeros",
         "constants",
     ):
         monkeypatch.setattr(f"friction_estimator.core.online.growth.{name}", late)

@@ -6,6 +6,7 @@ arrays together from it. Where vectors are read, rows are whole cache lines that
 """
 
 import ctypes
+import math
 from collections import namedtuple
 from collections.abc import Sequence
 from typing import Any
@@ -135,15 +136,20 @@ def placed(array: Floats, start: int = 0) -> Floats:
     """
     if not start and _is_placed(array):
         return array
-    before = -start % LINE
-    row = before + padded(array.shape[-1])
-    rows = int(np.prod(array.shape[:-1]))
-    room = np.zeros(rows * row + 2 * LINE)
-    first = -(room.ctypes.data // room.itemsize) % LINE
-    own = room[first : first + rows * row + LINE][: rows * row].reshape(*array.shape[:-1], row)
-    own = own[..., before : before + array.shape[-1]]
+    own = placed_zeros(array.shape, start)
     own[...] = array
     return own
+
+
+def placed_zeros(shape: tuple[int, ...], start: int = 0) -> Floats:
+    """Return zeros that are `placed`; no page of them is touched before something is written there."""
+    before = -start % LINE
+    row = before + padded(shape[-1])
+    rows = math.prod(shape[:-1])
+    room = np.zeros(rows * row + 2 * LINE)
+    first = -(_address(room) // room.itemsize) % LINE
+    own = room[first : first + rows * row + LINE][: rows * row].reshape(*shape[:-1], row)
+    return own[..., before : before + shape[-1]]
 
 
 def _is_placed(array: Floats) -> bool:

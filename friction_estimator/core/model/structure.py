@@ -9,6 +9,7 @@ g is a sum over a wavelet basis, H and H1 are FIR filters, d is the theoretical 
 set of step sizes serves a 5 N seal and a 5 kN cylinder.
 """
 
+import copy
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Protocol
@@ -150,12 +151,28 @@ class Model:
         self.theory: TheoryCurve | None = theory_from_config(config) if config.is_parallel else None
         self.load = LoadTerms(config)
         self.extension = extension
-        taps = config.fir.order + 1
-        theory_taps = taps if config.is_parallel else 0
-        columns = self.load.size + (extension.size if extension else 0)
+        self.theory_scale = theory_scale(config, self.theory)
+        self._number()
+
+    def _number(self) -> None:
+        """Count the parameters."""
+        taps = self.config.fir.order + 1
+        theory_taps = taps if self.config.is_parallel else 0
+        columns = self.load.size + (self.extension.size if self.extension else 0)
         self.shape: Ints = np.array([taps, self.basis.size, theory_taps, columns], np.int64)
         self._edges = np.cumsum(self.shape)
-        self.theory_scale = theory_scale(config, self.theory)
+
+    def reaching(self, low_m_s: float, high_m_s: float) -> "Model":
+        """Return the model over another learned range: the scale stays, and with it theory, load and terms.
+
+        Raises ConfigError where its basis would be too large.
+        """
+        other = copy.copy(self)
+        chosen = {"learned.velocity_range": (low_m_s, high_m_s), "learned.velocity_scale": self.config.velocity_scale}
+        other.config = self.config.updated(chosen)
+        other.basis = basis_from_config(other.config)
+        other._number()
+        return other
 
     @property
     def size(self) -> int:

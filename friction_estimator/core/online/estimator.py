@@ -170,7 +170,7 @@ class Estimator:
         return abs(status.item(workspace.BEYOND)) >= kernels.DECIDED_AFTER and status.item(workspace.MAY_GROW) == 1
 
     def prepare(self) -> Growth | None:
-        """Make a part of the growth that may come: half a millisecond's work with a hundred parameters.
+        """Make a part of the growth that may come: a third of a millisecond with a hundred parameters.
 
         For pauses between samples; the results are those without any of these calls. Returns the growth when all of
         it is made.

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
-from scipy.sparse import csr_array
 
 from friction_estimator.compiled import njit
-from friction_estimator.core.addresses import placed
+from friction_estimator.core.addresses import placed, placed_zeros
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.intake import standstill
 from friction_estimator.core.model.basis import WaveletBasis
@@ -54,7 +53,7 @@ def grown_model(model: Model, velocity_m_s: float) -> Model | None:
     reached = sign * min(max(MARGIN * abs(velocity_m_s), LEAST_GROWTH * edge), most)
     low, high = min(low, reached), max(high, reached)
     try:
-        return Model(model.config.updated({"learned.velocity_range": (low, high)}), model.extension)
+        return model.reaching(low, high)
     except ConfigError:
         return None
 
@@ -83,22 +82,22 @@ class Growth:
         return same and self._first == _first_beyond(work)
 
     def prepare(self) -> bool:
-        """Make the next part, half a millisecond of work with a hundred parameters; return whether there was one."""
+        """Make the next part, a third of a millisecond with a hundred parameters; return whether there was one."""
         parts: list[Callable[[], object]] = [
             lambda: self.prior,
             lambda: self.prior.root,
             lambda: self.prior.information,
-            lambda: self.law_arrays,
-            lambda: self.fit,
-            lambda: self.fit.columns,
+            lambda: (self.law_arrays, self.config),
+            lambda: self.fit.wide,
+            lambda: self.fit.points,
+            lambda: (self.fit.rows, self.fit.functions),
             lambda: self.fit.normal,
-            lambda: self.fit.factor,
-            lambda: self.fit.former,
+            lambda: (self.fit.factor, self.fit.former_rows),
+            lambda: self.fit.missing,
             lambda: self.thetas,
             lambda: self.roots,
             lambda: self.larger,
-            lambda: self.larger.addresses,
-            lambda: (self.config, self.constants),
+            lambda: (self.larger.addresses, self.constants),
         ]
         if self._asked_for == len(parts):
             return False
@@ -119,7 +118,8 @@ class Growth:
     @cached_property
     def fit(self) -> "_CurveFit":
         """What carries curves over."""
-        return _CurveFit(self.before, self.after)
+        taps, old = int(self.before.shape[0]), int(self.before.shape[1])
+        return _CurveFit(self.before, self.after, np.ascontiguousarray(self._thetas[:, taps : taps + old]))
 
     @cached_property
     def config(self) -> Config:
@@ -140,14 +140,18 @@ class Growth:
         return place, np.concatenate([head, taps + place, taps + new + tail])
 
     @cached_property
-    def thetas(self) -> Floats:
-        """Parameters of the present model and of those kept aside, (models, n)."""
-        taps, old, new = int(self.before.shape[0]), int(self.before.shape[1]), int(self.after.shape[1])
+    def _thetas(self) -> Floats:
+        """Parameters of the present model and of those kept aside, (models, former n)."""
         kept_aside = (recovery.Kept.of(row, self._work).theta for row in self._work.kept)
-        thetas = np.stack([self._work.theta, *kept_aside])
-        larger = np.zeros((len(thetas), self.after.size))
-        larger[:, self._places[1]] = thetas
-        larger[:, taps : taps + new] = self.fit.weights(thetas[:, taps : taps + old])
+        return np.stack([self._work.theta, *kept_aside])
+
+    @cached_property
+    def thetas(self) -> Floats:
+        """The same in the larger model, (models, n)."""
+        taps, weights = int(self.after.shape[0]), int(self.after.shape[1])
+        larger = np.zeros((len(self._thetas), self.after.size))
+        larger[:, self._places[1]] = self._thetas
+        larger[:, taps : taps + weights] = self.fit.weights
         return larger
 
     @cached_property
@@ -157,19 +161,20 @@ class Growth:
         if not work.root.size:
             return work.root, work.kept_root
         kept = self._places[1]
-        fresh = np.setdiff1d(np.arange(size), kept)
+        fresh = np.ones(size, np.bool_)
+        fresh[kept] = False
+        unknown = prior.deviation[fresh] / np.sqrt(prior.residual_variance)
 
-        def larger(root: Floats) -> Floats:
-            grown = np.zeros((size, size))
-            grown[np.ix_(kept, kept)] = root
-            grown[fresh, fresh] = prior.deviation[fresh] / np.sqrt(prior.residual_variance)
-            return grown
+        def fill(larger: Floats, root: Floats) -> None:
+            larger[np.ix_(kept, kept)] = root
+            larger[fresh, fresh] = unknown
 
-        aside = placed(np.zeros((2, size, size)))
+        present, aside = placed_zeros((size, size)), placed_zeros((2, size, size))
+        fill(present, work.root)
         for place, used in ((recovery.HELD, at.HOLDING), (recovery.FORMER, at.HAS_FORMER)):
             if work.hold[used]:
-                aside[place] = larger(work.kept_root[place])
-        return placed(larger(work.root)), aside
+                fill(aside[place], work.kept_root[place])
+        return present, aside
 
     @cached_property
     def larger(self) -> Workspace:
@@ -256,39 +261,63 @@ class _CurveFit:
     A least-squares fit over velocity to the curve as it was, held at its edges beyond, against the prior's deviations
     from the weights as they were; those at the edges, of which the samples said little, move too. The fit reaches as
     far beyond the new edges as any function does: one that knew only a part of a function would give it a wild weight.
+
+    Parameters
+    ----------
+    before, after : the model and the larger one.
+    weights : (n, size) of `before`, one curve each.
     """
 
-    def __init__(self, before: Model, after: Model) -> None:
-        basis = after.basis
-        assert isinstance(basis, WaveletBasis)
-        wide = self._wide = basis.widened()
-        velocity = wide.cell_velocities(POINTS_A_CELL)
-        if not basis.inside(velocity).any():  # cells that are wider than the range
-            velocity = np.sort(np.concatenate([velocity, basis.reach]))
-        inner = np.flatnonzero(basis.inside(velocity))
+    def __init__(self, before: Model, after: Model, weights: Floats) -> None:
+        assert isinstance(after.basis, WaveletBasis)
+        self._before, self._basis, self._prior = before.basis, after.basis, after.config.prior
+        self._weights = weights
+
+    @cached_property
+    def wide(self) -> WaveletBasis:
+        """The functions of `after` and those beside them."""
+        return self._basis.widened()
+
+    @cached_property
+    def points(self) -> tuple[Floats, Floats]:
+        """Velocities of the points and their importance, (points,) each."""
+        velocity = self.wide.cell_velocities(POINTS_A_CELL)
+        if not self._basis.inside(velocity).any():  # cells that are wider than the range
+            velocity = np.sort(np.concatenate([velocity, self._basis.reach]))
+        inner = np.flatnonzero(self._basis.inside(velocity))
         above, apart_above = _thinning(velocity.size - 1 - inner[-1])
         below, apart_below = _thinning(inner[0])
         velocity = velocity[np.concatenate([inner[0] - below, inner, inner[-1] + above])]
         importance = np.sqrt(np.concatenate([apart_below, np.ones(inner.size), apart_above]))
-        importance /= np.where(before.basis.inside(velocity), WITHIN_DEVIATION, BEYOND_DEVIATION)
-        self._velocity, self._importance = velocity, importance
-        self._scale = after.config.prior.weight_deviation * wide.prior_scale(after.config.prior.weight_slope)
-        self._before, self._theirs = before.basis, wide.places_of(basis)
-        # Beyond the new edges the curve is flat: there the scaling functions, whose span holds a constant, are enough.
-        self._fitted = np.union1d(self._theirs, np.flatnonzero(wide.is_scaling))
+        return velocity, importance / np.where(self._before.inside(velocity), WITHIN_DEVIATION, BEYOND_DEVIATION)
 
     @cached_property
-    def columns(self) -> csr_array:
-        """What the functions of `after` are at the points, in prior deviations of their weights."""
-        index, value = self._wide.rows(self._velocity)
-        return _matrix(index, self._importance[:, None] * value * self._scale[index], self._wide.size)[:, self._fitted]
+    def functions(self) -> tuple[Ints, Ints, Floats]:
+        """Those of `wide` that are fitted, the column of each or -1, and the prior deviation of its weight."""
+        wide = self.wide
+        # Beyond the new edges the curve is flat: there the scaling functions, whose span holds a constant, are enough.
+        wanted = wide.is_scaling.copy()
+        wanted[wide.places_of(self._basis)] = True
+        fitted, column = np.flatnonzero(wanted), np.full(wide.size, -1)
+        column[fitted] = np.arange(fitted.size)
+        return fitted, column, self._prior.weight_deviation * wide.prior_scale(self._prior.weight_slope)
+
+    @cached_property
+    def rows(self) -> tuple[NDArray[np.int32], Floats]:
+        """What the functions of `after` are at the points, (index, value)."""
+        return self.wide.rows(self.points[0])
+
+    @cached_property
+    def former_rows(self) -> tuple[NDArray[np.int32], Floats]:
+        """What the functions of `before` are there; held at the edge outside."""
+        return self._before.rows(self.points[0])
 
     @cached_property
     def normal(self) -> Floats:
-        """The normal equations, the lower triangle."""
-        normal = np.eye(self._fitted.size)
-        columns = self.columns
-        _add_products(columns.indptr, columns.indices, columns.data, normal)
+        """The normal equations, the lower triangle; weights are in their prior deviations."""
+        fitted, column, scale = self.functions
+        normal = np.eye(fitted.size)
+        _add_squares(*self.rows, column, scale, self.points[1], normal)
         least = ROUNDING * len(normal) * float(np.max(np.diag(normal)))
         if least > 1.0:
             normal[np.diag_indices_from(normal)] += least
@@ -297,22 +326,30 @@ class _CurveFit:
     @cached_property
     def factor(self) -> tuple[Floats, bool]:
         """Their Cholesky factor."""
-        return cho_factor(self.normal, lower=True)
+        return cho_factor(self.normal, lower=True, check_finite=False)
 
     @cached_property
-    def former(self) -> csr_array:
-        """What the functions of `before` are at the points; rows are held at the edge outside."""
-        held, at_edge = self._before.rows(self._velocity)
-        return _matrix(held, self._importance[:, None] * at_edge, self._before.size)
+    def start(self) -> Floats:
+        """Weights of the functions of `wide` that leave the curves as they are, (n, functions); appended ones are 0."""
+        start = np.zeros((len(self._weights), self.wide.size))
+        start[:, self.wide.places_of(self._before)] = self._weights
+        return start
 
-    def weights(self, weights: Floats) -> Floats:
-        """Return weights of the larger model, (n, size), from those of the former one, (n, former size)."""
-        larger = np.zeros((self._wide.size, len(weights)))
-        larger[self._wide.places_of(self._before)] = weights.T
-        start = (larger / self._scale[:, None])[self._fitted]
-        missing = self.columns.T @ (self.former @ weights.T - self.columns @ start)
-        larger[self._fitted] += self._scale[self._fitted, None] * cho_solve(self.factor, missing)
-        return np.ascontiguousarray(larger[self._theirs].T)
+    @cached_property
+    def missing(self) -> Floats:
+        """Right-hand sides of the normal equations, (n, columns): what these curves lack beyond the former edges."""
+        fitted, column, scale = self.functions
+        missing = np.zeros((len(self._weights), fitted.size))
+        _add_missing(*self.rows, column, scale, self.points[1], *self.former_rows, self._weights, self.start, missing)
+        return missing
+
+    @cached_property
+    def weights(self) -> Floats:
+        """Weights of the larger model, (n, size)."""
+        fitted, _, scale = self.functions
+        larger = self.start.copy()
+        larger[:, fitted] += scale[fitted] * cho_solve(self.factor, self.missing.T, check_finite=False).T
+        return np.ascontiguousarray(larger[:, self.wide.places_of(self._basis)])
 
 
 def _thinning(count: int) -> tuple[Ints, Floats]:
@@ -326,20 +363,44 @@ def _thinning(count: int) -> tuple[Ints, Floats]:
     return np.array(distances[:-1], np.int64), np.diff(np.array(distances, np.float64))
 
 
-def _matrix(index: NDArray[np.int32], value: Floats, size: int) -> csr_array:
-    """Return rows of a basis as a matrix, (n, size): at any velocity a few functions differ from zero."""
-    begins = np.arange(0, index.size + 1, index.shape[1])
-    return csr_array((value.ravel(), index.ravel(), begins), shape=(len(index), size))
+@njit(cache=True)
+def _add_squares(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    index, value, column, scale, importance, normal
+):
+    """Add X' X to the lower triangle, X the scaled rows of a basis with only the functions that have a column."""
+    width = index.shape[1]
+    place, entry = np.empty(width, np.int64), np.empty(width)
+    for row in range(importance.size):
+        count = 0
+        for k in range(width):
+            function = index[row, k]
+            if column[function] >= 0:
+                place[count] = column[function]
+                entry[count] = importance[row] * scale[function] * value[row, k]
+                count += 1
+        for i in range(count):
+            for j in range(count):
+                if place[j] <= place[i]:
+                    normal[place[i], place[j]] += entry[i] * entry[j]
 
 
 @njit(cache=True)
-def _add_products(begins, index, value, total):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Add X' X of a sparse X in compressed rows to the lower triangle of `total`."""
-    for row in range(begins.size - 1):
-        for i in range(begins[row], begins[row + 1]):
-            for j in range(begins[row], begins[row + 1]):
-                if index[j] <= index[i]:
-                    total[index[i], index[j]] += value[i] * value[j]
+def _add_missing(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    index, value, column, scale, importance, former_index, former_value, former, larger, missing
+):
+    """Add X' (Y w - X u) for each pair of weights w of the former basis, whose rows are Y, and u of the larger one."""
+    for row in range(importance.size):
+        for model in range(len(former)):
+            error = 0.0
+            for k in range(former_index.shape[1]):
+                error += former_value[row, k] * former[model, former_index[row, k]]
+            for k in range(index.shape[1]):
+                error -= value[row, k] * larger[model, index[row, k]]
+            error *= importance[row] ** 2
+            for k in range(index.shape[1]):
+                function = index[row, k]
+                if column[function] >= 0:
+                    missing[model, column[function]] += error * scale[function] * value[row, k]
 
 
 def cold_start(model: Model, prior: Prior, metric: Floats, covariance: bool, constants: Floats) -> Workspace:

@@ -102,9 +102,11 @@ class Kept:
     @classmethod
     def of(cls, row: Floats, work: at.Workspace) -> "Kept":
         """Return the views of a row of `work.kept`."""
-        sizes = work.theta.size, work.owed.size, work.errors.size, work.moments.size
-        theta, owed, errors, moments = np.split(row, np.cumsum(sizes)[:-1])
-        return cls(theta, owed, errors.reshape(work.errors.shape), moments)
+        views, start = [], 0
+        for like in (work.theta, work.owed, work.errors, work.moments):
+            views.append(row[start : start + like.size].reshape(like.shape))
+            start += like.size
+        return cls(*views)
 
 
 def roots_in_use(work: at.Workspace) -> bool:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from friction_estimator.core.addresses import LINE, Addresses, Layout, padded, placed
+from friction_estimator.core.addresses import LINE, Addresses, Layout, padded, placed, placed_zeros
 from friction_estimator.core.model import prediction
 from friction_estimator.core.sample import Floats, Ints
 
@@ -104,7 +104,7 @@ class Workspace:
             object.__setattr__(self, name, placed(getattr(self, name)))
         taps, size = int(self.shape[prediction.TAPS]), self.theta.size
         object.__setattr__(self, "theta", placed(self.theta, taps))
-        object.__setattr__(self, "scratch", placed(np.zeros((3, padded(size) + 2 * LINE))))
+        object.__setattr__(self, "scratch", placed_zeros((3, padded(size) + 2 * LINE)))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copies, and processes that it is sent to, lay their arrays out anew."""

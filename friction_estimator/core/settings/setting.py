@@ -139,11 +139,10 @@ class Parameter:
         return value
 
     def _check_size(self, value: float, where: str) -> None:
-        unit = f" {self.units}" if self.unit else ""
         if not self.low <= value <= self.high:
-            raise ConfigError(f"{where}: {value} is out of range [{self.low:g}, {self.high:g}]{unit}")
+            raise ConfigError(f"{where}: {value} is out of range [{self.low:g}, {self.high:g}] {self.units}".rstrip())
         if 0.0 < abs(value) < self.least:
-            raise ConfigError(f"{where}: {value} is neither 0 nor at least {self.least:g}{unit}")
+            raise ConfigError(f"{where}: {value} is neither 0 nor at least {self.least:g} {self.units}".rstrip())
 
 
 def is_text(value: str) -> bool:
