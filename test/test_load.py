@@ -13,6 +13,7 @@ from friction_estimator.core.intake.admission import Intake
 from friction_estimator.core.intake.pairing import FRICTION, POSITION, VELOCITY
 from friction_estimator.core.intake.standstill import standstill
 from friction_estimator.core.model.load import LOADS, LoadTerms, parse_term
+from friction_estimator.core.online import workspace
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.online.first_contact import chosen
 from friction_estimator.core.online.live import LiveStep
@@ -301,6 +302,9 @@ def test_a_state_keeps_the_load_and_one_from_before_is_one_without():
     without = one.state()
     del without["arrays"]["noise"]  # as from before it was there
     Estimator(given).restore(without)
+    del without["arrays"]["residual"]
+    two.restore(without)
+    assert two.work.residual[0] == one.work.moments[workspace.MISFIT_POWER] > 0.0
     for value in (-1.0, np.nan):
         unsound = one.state()
         unsound["arrays"]["noise"][0, 0] = value
@@ -340,6 +344,19 @@ def slow_then_fast(seed: int, slow_seconds: float = 60.0):
     rng = np.random.default_rng(seed)
     effort = friction_of(v) + INERTIA * a + SIN * np.sin(q) + COS * np.cos(q) + NOISE * rng.standard_normal(t.size)
     return t, q, v + 0.003 * np.abs(v).max() * rng.standard_normal(t.size), effort
+
+
+def test_an_interval_of_rls_is_as_wide_as_that_of_the_fit():
+    """Where a turn of the shaft is sharper than the basis most of the misfit is in a few samples about it."""
+    given = config(["inertia", "gravity"])
+    t, q, v, a = motion(MULTISINE, 40.0)
+    load, rng = INERTIA * a + SIN * np.sin(q) + COS * np.cos(q), np.random.default_rng(2)
+    effort = np.tanh(v / 0.02) * (0.5 + 0.3 * np.exp(-np.abs(v) / 0.3)) + load + NOISE * rng.standard_normal(t.size)
+    samples = admitted(given, t, q, v + 0.003 * np.abs(v).max() * rng.standard_normal(t.size), effort)
+    for ours, theirs in zip(replay(samples, given).loads, fitted(given, samples).loads, strict=True):
+        assert ours.separated
+        assert theirs.separated
+        assert 0.75 < (ours.ci95[1] - ours.ci95[0]) / (theirs.ci95[1] - theirs.ci95[0]) < 1.5, ours.text(SI)
 
 
 def test_noise_of_the_acceleration_does_not_separate_an_inertia():

@@ -159,6 +159,9 @@ def test_rls_is_the_batch_posterior_where_the_model_is_linear(model_type):
         fit.covariance / np.outer(deviation, deviation),
         atol=1e-3,
     )
+    # What rls says it leaves, from errors that were made before it had learned, is what the fit leaves.
+    left = 2.0 * fit.posterior.prior.residual_variance * fit.posterior.cost(fit.parameters.theta)
+    assert estimator.work.residual[0] == pytest.approx(left / fit.posterior.moments.count, rel=1e-3)
 
 
 @pytest.mark.parametrize("model_type", MODELS)

@@ -63,7 +63,7 @@ def test_a_state_of_version_3_loads_bit_for_bit():
     assert estimator.health.learned > 1400
     arrays = read_state(VERSION_3)["arrays"]
     now = estimator.state()["arrays"]
-    assert set(now) - set(arrays) == {"kept", "kept_root", "trial", "hold", "noise"}
+    assert set(now) - set(arrays) == {"kept", "kept_root", "trial", "hold", "noise", "residual"}
     assert set(arrays) <= set(now)
     for name in set(arrays) - {"moments"}:
         np.testing.assert_array_equal(now[name], arrays[name], err_msg=name)
@@ -203,6 +203,7 @@ UNSOUND = {
         (at.FOLLOWS, (7,)), (at.UNPULLED, (-1,)), (at.BEYOND, (-(2**63),)),
     ],
     "errors": [((0, 0), (-1.0, 1e300)), ((0, 1), (-1.0, 1e300)), ((0, 2), (1e300,))],
+    "residual": [(0, (-1.0, np.nan, np.inf))],
     "rest": [(0, (1e300, np.nan)), (2, (-1.0,))],
     "kept": [((0, 0), (1e300, np.nan, 0.5))],
     "trial": [((0, 0), (-1.0, np.nan))],

@@ -323,7 +323,7 @@ class Estimator:
             return []
         moments, rho = self.work.moments, self._prior.residual_variance
         weight = float(moments[workspace.ABSORBED]) / rho
-        misfit = float(np.sqrt(moments[workspace.MISFIT_POWER]))
+        misfit = float(np.sqrt(self.work.residual[0]))
         return learned_loads(self.model, self._predicting[0], self.covariance, weight, misfit)
 
     @property
@@ -392,9 +392,10 @@ class Estimator:
         other = Estimator(config, extension)
         if state["version"] == STATE_WITHOUT_KEPT:
             arrays = state_check.with_nothing_kept(arrays, other.work)
-        # States from before noise was told from excitation do not have it: some sixty samples' worth.
-        arrays = {"noise": other.work.noise, **arrays}
-        state_check.take_over(other.work, arrays)
+        # Former versions kept neither: some sixty samples' worth of noise; for the errors the robust mean is next best.
+        state_check.take_over(other.work, {"noise": other.work.noise, "residual": other.work.residual, **arrays})
+        if "residual" not in arrays:
+            other.work.residual[0] = other.work.moments[workspace.MISFIT_POWER]
         self.config, self.model, self._prior, self.work = other.config, other.model, other._prior, other.work
 
 

@@ -53,6 +53,9 @@ KNOWN_LEVERAGE = 0.1
 MISFIT_MEMORY = 5000.0
 """Samples over which the power of known errors is averaged."""
 
+LARGEST_RESIDUAL = 1.0
+"""Force units: an error beyond the friction's own size is a fault, and tells nothing of how well the model fits."""
+
 GROW_AFTER = 20
 """Samples in a row beyond an edge of the range after which it grows: a wild velocity is alone."""
 
@@ -189,6 +192,7 @@ def run(law_number, samples, work):  # type: ignore[no-untyped-def] # pragma: no
     ring, ring_theory = float_rows(work, _W.ring), floats(work, _W.ring_theory)
     root, prior, mean = float_rows(work, _W.root), floats(work, _W.prior), floats(work, _W.mean)
     information, prior_root = float_rows(work, _W.information), float_rows(work, _W.prior_root)
+    residual = floats(work, _W.residual)
     noise, owed, law = float_rows(work, _W.noise), floats(work, _W.owed), floats(work, _W.law)
     moments, status, errors = floats(work, _W.moments), ints(work, _W.status), float_rows(work, _W.errors)
     rest, hold, trial = floats(work, _W.rest), floats(work, _W.hold), float_rows(work, _W.trial)
@@ -312,6 +316,10 @@ def run(law_number, samples, work):  # type: ignore[no-untyped-def] # pragma: no
         if law_number == NLMS:
             learn_nlms(shape, theta, ring, law, status, prior, x, clipped, gain)
             continue
+        # Of linear least squares the sum of e^2 / (1 + r) is the sum of the squares that a fit to all samples leaves.
+        bounded = min(abs(error), max(limit, LARGEST_RESIDUAL))
+        memory = min(float(status[at.LEARNED]), MISFIT_MEMORY)
+        residual[0] += (bounded * bounded / (1.0 + r) - residual[0]) / memory
         if LEAST_EXCITATION < r < LARGEST_EXCITATION:
             w = learn_rls(shape, theta, ring, law, moments, status, root, error, clipped, projected, r, gain)
             for load in range(noise.shape[0]):

@@ -71,6 +71,7 @@ def in_larger_units(work: Workspace, before: Model, after: Model, prior: Prior) 
         owed=np.zeros_like(work.owed),
         moments=moments,
         errors=errors,
+        residual=work.residual / ratio**2,
         **fresh,
     )
 

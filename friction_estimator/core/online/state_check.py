@@ -128,6 +128,7 @@ def _sound(work: Workspace) -> Iterator[tuple[str, bool]]:
     yield "moments", bool(0.0 < moments[at.BACKOFF] <= 1.0 and moments[at.TOLERANCE] > 0.0)
     yield "moments", bool(0.0 <= moments[at.OWED] <= 1.0)
     yield "noise", bool(np.all(work.noise >= 0.0))
+    yield "residual", bool(np.all(work.residual >= 0.0))
     yield (
         "errors",
         bool(np.all(work.errors[:, [COUNT, POWER]] >= 0.0) and np.all(work.errors[:, COUNT] <= LARGEST_COUNT)),
