@@ -2,7 +2,7 @@
 what does not knowing them cost the friction?
 
     python benchmarks/load/run.py [--seeds 20] [--first-seed 0] [--part others | 'plain gear' | moves]
-    python benchmarks/load/run.py --set load.corners=true
+    python benchmarks/load/run.py --set load.half_width=0.012
 
 Each seed draws the load, the amplitude, the period, the noise, and an encoder of 4096 counts a turn for the position.
 The plants of `simulate` stand beside friction of other forms that nothing was chosen on.
