@@ -11,7 +11,7 @@ import pytest
 from synthetic import MODELS, RATE, config_for, known_system, noisy, samples_of, sine
 
 from friction_estimator.core.errors import ConfigError
-from friction_estimator.core.metrics import by_cycle, drive_cycles, nrmse, nrmse_persistence
+from friction_estimator.core.metrics import by_cycle, cycles_or_tenths, drive_cycles, nrmse, nrmse_persistence
 from friction_estimator.core.model.prediction import TAPS
 from friction_estimator.core.online import workspace
 from friction_estimator.core.online.adaptation import LAWS
@@ -46,7 +46,7 @@ def test_rls_reaches_the_noise_floor(model_type):
 def test_gradient_laws_converge_at_their_default_step_size(law, model_type):
     samples, _ = record(model_type, 80)
     estimator = estimator_for(samples, model__type=model_type, model__law=law)
-    cycles = by_cycle(samples.friction_N, estimator.run(samples), samples.velocity_m_s)
+    cycles = by_cycle(samples.friction_N, estimator.run(samples), cycles_or_tenths(samples.velocity_m_s))
     assert np.mean(cycles[-5:]) < 0.035
     assert np.mean(cycles[-5:]) < 0.5 * cycles[0] or cycles[0] < 0.02
     assert estimator.health.guarded == 0

@@ -92,8 +92,11 @@ def test_cycles_are_sought_in_each_recording():
     one, two = record(1000, 200.0), record(1000, 125.0)
     whole = joined([one, two])
     zero = np.zeros(len(whole))
-    values = metrics.by_cycle(whole.friction_N, zero, whole.velocity_m_s, (0, 1000))
-    apart = [metrics.by_cycle(part.friction_N, np.zeros(1000), part.velocity_m_s) for part in (one, two)]
+    values = metrics.by_cycle(whole.friction_N, zero, metrics.cycles_or_tenths(whole.velocity_m_s, (0, 1000)))
+    apart = [
+        metrics.by_cycle(part.friction_N, np.zeros(1000), metrics.cycles_or_tenths(part.velocity_m_s))
+        for part in (one, two)
+    ]
     assert len(values) == sum(map(len, apart))
     scale = metrics.spread(whole.friction_N)
     wanted = np.concatenate(

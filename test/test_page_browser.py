@@ -1,11 +1,11 @@
 """The pages in a browser without a network: nothing complains, charts answer to pointer, buttons and keys."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from browser import Browser, needs_browser, wait
+from replays import over
 
 from friction_estimator.cli.main import main
 from friction_estimator.core.online.replay import Replay, replay
@@ -51,7 +51,7 @@ def many(result: Replay, times: int) -> Replay:
         np.arange(n * times) % n == 0,
     )
     tiled = {name: np.tile(getattr(result, name), times) for name in ("predicted_N", "learned", "deviation_N")}
-    return replace(result, samples=whole, starts=(0,), theory_in=result.estimator.model.theory_over(whole), **tiled)
+    return over(result, samples=whole, starts=(0,), **tiled)
 
 
 def summary_of(result: Replay, bags=("a",)) -> dict:

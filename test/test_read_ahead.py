@@ -19,11 +19,14 @@ from friction_estimator.bag import read, samples, source
 from friction_estimator.bag.ahead import ahead
 from friction_estimator.bag.merge import Merge, OutOfOrderError
 from friction_estimator.bag.read import read_recording
-from friction_estimator.bag.samples import Read, sample_pieces, to_samples
+from friction_estimator.bag.samples import Piece, Read, sample_pieces, to_samples
 from friction_estimator.bag.serialise import sample_template, typestore
 from friction_estimator.bag.write import TOPICS, write_samples
 from friction_estimator.cli import replay as verb
 from friction_estimator.cli.main import main
+from friction_estimator.cli.recorded import _read_and_learned as read_and_learned
+from friction_estimator.core.online import record_figures
+from friction_estimator.core.online.record_figures import RecordFigures
 from friction_estimator.core.online.replay import concluded, replay
 from friction_estimator.core.online.run import Run
 from friction_estimator.core.sample import NS_PER_S, Samples, joined
@@ -121,18 +124,27 @@ def read_first(monkeypatch):
     return lambda: monkeypatch.setattr(verb.Learner, "begin", lambda self, _config: self.give_up())
 
 
+def awaited(holds):
+    """Wait until something holds."""
+    for _ in range(6000):
+        if holds():
+            return
+        time.sleep(0.01)
+    raise AssertionError
+
+
 @pytest.fixture
 def pushed(monkeypatch):
-    """Return how many samples were learned while others were read, by the push."""
+    """Return how many samples were learned before all was known, by the piece."""
     found = []
-    before = Run.push
+    before = verb.Learner.push
 
     def push(self, piece):
-        if reading_threads():
+        if self._run is not None:
             found.append(len(piece))
         before(self, piece)
 
-    monkeypatch.setattr(Run, "push", push)
+    monkeypatch.setattr(verb.Learner, "push", push)
     return found
 
 
@@ -169,6 +181,7 @@ def test_a_recording_that_is_not_as_it_says_is_learned_anew(tmp_path, capsys, mo
     def late(self, log_time_ns):
         handed_on.append(log_time_ns)
         if len(handed_on) == 4:
+            awaited(lambda: sum(pushed) > 1000)
             raise OutOfOrderError
         return before(self, log_time_ns)
 
@@ -230,6 +243,113 @@ def test_a_fault_of_learning_is_raised_when_all_is_read(tmp_path, capsys, monkey
     assert not reading_threads()
 
 
+# What is formed while some are still learned
+
+
+@pytest.fixture
+def figures_first(monkeypatch):
+    """Let a recording end when the first contact is known, and learning go on when the figures are formed."""
+    formed, met, push, outline = threading.Event(), threading.Event(), Run.push, read.Reading.outline
+    steps = RecordFigures.formed
+
+    def waiting(self, piece):
+        push(self, piece)
+        if self.known_contact is not None and not met.is_set():
+            met.set()
+            assert formed.wait(60.0)
+
+    def told(self):
+        assert met.wait(60.0)
+        return outline(self)
+
+    def all_formed(self):
+        try:
+            yield from steps(self)
+        finally:
+            formed.set()
+
+    monkeypatch.setattr(Run, "push", waiting)
+    monkeypatch.setattr(read.Reading, "outline", told)
+    monkeypatch.setattr(RecordFigures, "formed", all_formed)
+    return formed
+
+
+@pytest.fixture
+def threads_of(monkeypatch):
+    """Return the threads in which standstill was sought in the whole record."""
+    names, before = [], record_figures.standstill
+
+    def noted(found, top_speed):
+        names.append(threading.current_thread().name)
+        return before(found, top_speed)
+
+    monkeypatch.setattr(record_figures, "standstill", noted)
+    return names
+
+
+def test_figures_are_formed_while_samples_are_learned(tmp_path, capsys, read_first, figures_first, threads_of):
+    steady = replace(driven(N), velocity_m_s=0.1 * np.sin(0.01 * np.arange(N)))
+    write_samples(tmp_path / "run", steady, "mcap")
+    found = replayed(capsys, tmp_path / "run")
+    assert figures_first.is_set()
+    assert threads_of == ["reading"]
+    read_first()
+    assert found == replayed(capsys, tmp_path / "run")
+    assert threads_of == ["reading", "MainThread"]
+
+
+def test_figures_are_formed_anew_where_the_range_grows_after_them(
+    tmp_path, capsys, read_first, figures_first, threads_of
+):
+    slow = driven(N)
+    faster = np.where(np.arange(N) < N // 2, 0.5, 1.0)
+    write_samples(tmp_path / "run", replace(slow, velocity_m_s=faster * slow.velocity_m_s), "mcap")
+    found = replayed(capsys, tmp_path / "run")
+    assert figures_first.is_set()
+    assert found["health"]["grown"] > 0
+    assert threads_of == ["reading", "MainThread"]
+    read_first()
+    assert found == replayed(capsys, tmp_path / "run")
+
+
+@pytest.mark.usefixtures("figures_first")
+def test_a_fault_of_the_figures_is_told_as_before(tmp_path, capsys, monkeypatch, read_first):
+    write_samples(tmp_path / "run", driven(N), "mcap")
+    monkeypatch.setattr(record_figures, "standstill", lambda *_: 1 / 0)
+    found = told(capsys, tmp_path / "run")
+    assert (found[0], found[1].count("\n")) == (70, 1)
+    assert not reading_threads()
+    read_first()
+    assert found == told(capsys, tmp_path / "run")
+
+
+def test_the_bar_follows_what_is_learned(tmp_path, monkeypatch, figures_first):
+    """All is read, and the figures are formed, when the first contact has just been met."""
+    write_samples(tmp_path / "run", driven(N), "mcap")
+    at, told_so_far = [], []
+    waiting = Run.push
+
+    def push(self, piece):
+        waiting(self, piece)
+        at.append((self.known_contact is not None, sum(told_so_far)))
+
+    monkeypatch.setattr(Run, "push", push)
+    learner = verb.Learner(False)
+    read_and_learned(tmp_path / "run", Config(), {}, lambda done, _: told_so_far.append(done), learner, alone=True)
+    assert figures_first.is_set()
+    first = next(told for met, told in at if met)
+    assert first < N < sum(told_so_far) == 2 * N
+
+
+def test_pieces_that_are_let_go_are_empty(tmp_path):
+    write_samples(tmp_path / "run", driven(N), "mcap")
+    pieces = [item for item in sample_pieces(tmp_path / "run", Config()) if isinstance(item, Piece)]
+    admission = pieces[0].admission
+    assert len(pieces[0].samples()) > 0
+    admission.let_go()
+    assert [len(piece.samples()) for piece in pieces] == [0] * len(pieces)
+
+
 SLOW = """
 import sys, time
 from friction_estimator.bag import read, samples
@@ -262,6 +382,41 @@ def test_an_interrupt_ends_it_in_the_middle(tmp_path, number, code):
     assert "Traceback" not in text
 
 
+FORMING = """
+import sys, time
+from friction_estimator.bag import read, samples
+from friction_estimator.core.online.record_figures import RecordFigures
+from friction_estimator.cli.main import main
+read.GATHERED = samples.CHUNK = 1000
+def formed(self):
+    for _ in range(500):
+        print("formed", flush=True)
+        time.sleep(0.02)
+        yield
+RecordFigures.formed = formed
+known = read.Reading.outline
+def outline(self):
+    time.sleep(2.0)  # the first contact is met
+    return known(self)
+read.Reading.outline = outline
+sys.exit(main(["replay", sys.argv[1], "--law", "lms"]))
+"""
+
+
+def test_an_interrupt_ends_the_figures(tmp_path):
+    write_samples(tmp_path / "run", driven(20_000), "mcap")
+    environment = {**os.environ, "PYTHONPATH": str(Path(friction_estimator.__file__).parents[1])}
+    command = [sys.executable, "-c", FORMING, str(tmp_path / "run")]
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:
+        assert child.stdout.readline() == "formed\n"
+        child.send_signal(signal.SIGINT)
+        rest, text = child.communicate(timeout=60)
+    assert child.returncode == 130
+    assert rest.count("formed") < 100
+    assert text.count("\n") <= 1
+    assert "Traceback" not in text
+
+
 # The thread
 
 
@@ -278,16 +433,6 @@ def test_an_error_comes_behind_the_items_before_it():
         assert [next(items) for _ in range(4)] == [0, 1, 2, 3]
         with pytest.raises(KeyError, match="late"):
             next(items)
-    assert not reading_threads()
-
-
-def test_few_items_wait():
-    made = []
-    with ahead(counting(made, 1000), most=2) as items:
-        for number, _ in zip(range(50), items, strict=False):
-            time.sleep(0.001)
-            assert len(made) <= number + 4  # those before, that in work, two that wait, that being made
-    assert len(made) < 60
     assert not reading_threads()
 
 
@@ -321,7 +466,7 @@ def test_all_of_a_recording_is_read_in_the_thread(tmp_path, storage):
     assert isinstance(last, Read)
     expected = to_samples(read_recording(tmp_path / "run"), Config()).samples
     for name in ("stamp_ns", "velocity_m_s", "friction_N", "restart"):
-        of_pieces = np.concatenate([getattr(piece, name) for piece in pieces])
+        of_pieces = np.concatenate([getattr(piece.samples(), name) for piece in pieces])
         assert getattr(last.admitted.samples, name).tobytes() == getattr(expected, name).tobytes()
         assert of_pieces.tobytes() == getattr(expected, name).tobytes()
 

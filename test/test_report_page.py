@@ -10,11 +10,13 @@ import pytest
 from bokeh.models import Span
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from replays import over
 
 from friction_estimator.cli.common import FIGURE_FORMATS
 from friction_estimator.cli.main import main
 from friction_estimator.core import metrics
 from friction_estimator.core.fit.frozen_score import FrozenScore
+from friction_estimator.core.online.record_figures import RecordFigures
 from friction_estimator.core.online.replay import Replay, replay
 from friction_estimator.core.quantities import ROTARY, Quantities
 from friction_estimator.core.sample import Samples
@@ -61,7 +63,7 @@ def test_a_light_is_green_only_for_what_was_judged_without_learning(replayed):
     light, advice = judged(replayed)
     assert (light.level, advice) == (GOOD, [])
     # The same errors, and nothing held out.
-    everything = replace(replayed, learned=np.ones(len(replayed.samples), np.bool_))
+    everything = over(replayed, learned=np.ones(len(replayed.samples), np.bool_))
     light, advice = judged(everything)
     assert light.level == CAUTION
     assert [one.command for one in advice] == ["--test"]
@@ -84,14 +86,16 @@ def test_what_loses_is_told_by_its_reason(replayed):
     # The last value is closer at a high rate: advice, no verdict on the model elsewhere.
     speed = replayed.samples.velocity_m_s
     smooth = 3.0 * np.tanh(speed / 0.02) + 2.0 * np.sin(80.0 * speed)
-    quiet = replace(replayed, samples=replace(replayed.samples, friction_N=smooth))
+    quiet = over(replayed, samples=replace(replayed.samples, friction_N=smooth))
     light, _ = judged(wrong(quiet, 0.6 * noise))
     assert "as it was one sample ago" in light.reason
     assert light.level == CAUTION
 
 
-def test_a_theory_of_another_machine_and_velocities_never_learned_are_told(replayed):
-    light, advice = judged(replace(replayed, theory_in=lambda part: -5.0 * replayed.samples.friction_N[part]))
+def test_a_theory_of_another_machine_and_velocities_never_learned_are_told(replayed, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(RecordFigures, "theory_in", lambda self, part: -5.0 * self.samples.friction_N[part])
+        light, advice = judged(over(replayed))
     assert light.level == CAUTION
     assert "not of this machine" in light.reason
     assert "theory.kind none" in advice[0].text
@@ -103,9 +107,7 @@ def test_a_theory_of_another_machine_and_velocities_never_learned_are_told(repla
 def test_one_direction_is_said_to_hide_a_bias(replayed):
     samples = replayed.samples
     for way in (1.0, -1.0):
-        light, advice = judged(
-            replace(replayed, samples=replace(samples, velocity_m_s=way * abs(samples.velocity_m_s)))
-        )
+        light, advice = judged(over(replayed, samples=replace(samples, velocity_m_s=way * abs(samples.velocity_m_s))))
         assert light.level == CAUTION
         assert "one direction only: a bias of the force sensor cannot be told from the Coulomb level" in light.reason
         assert any("both ways" in one.text for one in advice)
@@ -115,7 +117,7 @@ def test_one_direction_is_said_to_hide_a_bias(replayed):
 def test_where_learning_stops_is_marked_among_the_cycles(replayed, share):
     k = np.arange(6000)
     even = replace(replayed.samples, velocity_m_s=0.1 * np.sin(2.0 * np.pi * k / 600.0))  # the first cycle has no begin
-    result = replace(replayed, samples=even, learned=k < share * k.size)
+    result = over(replayed, samples=even, learned=k < share * k.size)
     place = figures.learning_stops(result)
     drawn = learning.error_by_cycle(result, Q, fitted=False).build()
     marks = [one.location for one in drawn.select({"type": Span}) if one.dimension == "height"]
@@ -169,7 +171,7 @@ def test_the_green_light_says_no_more_than_was_seen(replayed):
 def test_speeds_that_were_never_learned_are_told_of_the_rest_of_the_record_too(replayed):
     rest = ~replayed.learned
     speed = replayed.samples.velocity_m_s * np.where(rest, 3.0, 1.0)
-    light, _ = judged(replace(replayed, samples=replace(replayed.samples, velocity_m_s=speed)))
+    light, _ = judged(over(replayed, samples=replace(replayed.samples, velocity_m_s=speed)))
     assert light.level != GOOD
     assert "of what was not learned from is at velocities never learned" in light.reason
 
@@ -183,7 +185,7 @@ def test_a_record_that_ends_at_one_speed_is_not_called_wrong(replayed):
     force = np.where(end, 3.5 + noise, replayed.samples.friction_N)
     predicted = np.where(end, 3.5, replayed.predicted_N)
     samples = replace(replayed.samples, velocity_m_s=speed, friction_N=force)
-    light, _ = judged(replace(replayed, samples=samples, predicted_N=predicted))
+    light, _ = judged(over(replayed, samples=samples, predicted_N=predicted))
     assert light.level != STOP, light.reason
     # Another recording at one speed: its own mean, known afterwards, is as close as the model.
     light, _ = trust(replayed, [("there", replace(score(1.02), spread_N=0.02))], Q, fitted=False, diverged=False)
@@ -194,7 +196,7 @@ def test_a_record_that_ends_at_one_speed_is_not_called_wrong(replayed):
 
 
 def test_a_command_to_run_next_keeps_the_options_and_its_words_whole(replayed):
-    everything = replace(replayed, learned=np.ones(len(replayed.samples), np.bool_))
+    everything = over(replayed, learned=np.ones(len(replayed.samples), np.bool_))
     summary = {"law": "rls", "theory": "stribeck", "bags": ["my rig; ls"], **everything.figures()}
     words = ["friction_estimator", "replay", "my rig; ls", "--topic", "velocity=/v"]
     for typed, start in ((words, shlex.join(words)), ((), "friction_estimator replay 'my rig; ls'")):

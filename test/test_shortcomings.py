@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from friction_estimator.cli.main import main
+from friction_estimator.core.online.record_figures import RecordFigures
 from friction_estimator.core.online.shortcomings import Judgement, in_motion, shortcomings
 from friction_estimator.core.sample import Samples
 
@@ -34,7 +35,8 @@ def judgement(samples: Samples, predicted: np.ndarray | None = None, top: float 
     """The first half learned from, the second judged; predicted by the true curve unless given."""
     half = np.arange(len(samples)) >= len(samples) // 2
     known = friction(samples.velocity_m_s) if predicted is None else predicted
-    return Judgement(samples, known, ~half, half, top, frozenset(), np.zeros(len(samples)), np.zeros(len(samples)))
+    figures = RecordFigures(samples, learned=~half, scored=half, top_speed_m_s=top)
+    return Judgement(figures, known, frozenset(), np.zeros(len(samples)), np.zeros(len(samples)))
 
 
 def named(judged: Judgement) -> list[str]:

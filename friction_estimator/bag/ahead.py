@@ -9,9 +9,6 @@ from typing import TypeVar
 
 Item = TypeVar("Item")
 
-MOST = 2
-"""Items that wait to be taken, at the most."""
-
 
 @dataclass(frozen=True)
 class _End:
@@ -21,7 +18,7 @@ class _End:
 
 
 @contextmanager
-def ahead(items: Generator[Item, None, None], most: int = MOST) -> Iterator[Iterator[Item]]:
+def ahead(items: Generator[Item, None, None]) -> Iterator[Iterator[Item]]:
     """Yield the items of a generator, which runs in a thread while the block works on those before.
 
     What the generator raises is raised where its next item is taken. However the block is left, the generator is
@@ -29,8 +26,8 @@ def ahead(items: Generator[Item, None, None], most: int = MOST) -> Iterator[Iter
 
     Parameters
     ----------
-    items : not begun yet: files and connections that it opens belong to one thread.
-    most : items that wait at the most, beside the one that is made.
+    items : not begun yet: files and connections that it opens belong to one thread. Small ones: as many wait as the
+        block is behind.
 
     Examples
     --------
@@ -39,7 +36,6 @@ def ahead(items: Generator[Item, None, None], most: int = MOST) -> Iterator[Iter
     [0, 1, 4, 9]
     """
     made: SimpleQueue[Item | _End] = SimpleQueue()
-    room = threading.Semaphore(most)
     left = threading.Event()
 
     def make() -> None:
@@ -47,7 +43,6 @@ def ahead(items: Generator[Item, None, None], most: int = MOST) -> Iterator[Iter
         try:
             with closing(items):
                 for item in items:
-                    room.acquire()
                     if left.is_set():
                         break
                     made.put(item)
@@ -58,8 +53,6 @@ def ahead(items: Generator[Item, None, None], most: int = MOST) -> Iterator[Iter
     def taken() -> Iterator[Item]:
         while not isinstance(item := made.get(), _End):
             yield item
-            del item  # not held while the next one is waited for
-            room.release()
         if item.error is not None:
             raise item.error
 
@@ -69,5 +62,4 @@ def ahead(items: Generator[Item, None, None], most: int = MOST) -> Iterator[Iter
         yield taken()
     finally:
         left.set()
-        room.release()
         thread.join()

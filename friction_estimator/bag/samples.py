@@ -1,9 +1,10 @@
 """From the streams of a recording to samples, by the path that the live node takes."""
 
 from collections.abc import Generator, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import PurePath
+from threading import Lock
 
 import numpy as np
 
@@ -71,6 +72,23 @@ class Begins:
 
 
 @dataclass(frozen=True)
+class Piece:
+    """Samples that were admitted; they stay where all of them are kept until they are asked for.
+
+    Attributes
+    ----------
+    admission : that keeps them. part : of its samples.
+    """
+
+    admission: "Admission"
+    part: slice
+
+    def samples(self) -> Samples:
+        """Return them, with the channels that are kept; in any thread."""
+        return self.admission.kept(self.part)
+
+
+@dataclass(frozen=True)
 class Read:
     """A recording is read."""
 
@@ -93,7 +111,7 @@ def read_samples(
 
 def sample_pieces(
     path: str | PurePath, config: Config, topics: Mapping[str, str] | None = None, progress: Progress | None = None
-) -> Generator[Begins | Samples | Read, None, None]:
+) -> Generator[Begins | Piece | Read, None, None]:
     """Read a recording and admit its samples; yield them as they are admitted, and what was found at the end.
 
     Messages are paired as they are read and then let go. Where the recording is not as it says (messages out of order,
@@ -111,12 +129,10 @@ def sample_pieces(
         except OutOfOrderError:
             outline = None
     if outline is None or set(outline.streams) != set(reading.names):
-        del admission
+        admission.let_go()
         recording = read_recording(path, config.input, topics, progress)
-        admitted = to_samples(recording, config)
         yield Begins(recording.motion)
-        yield admitted.samples
-        yield Read(recording, admitted)
+        yield Read(recording, to_samples(recording, config))
         return
     yield from admission.last()
     yield Read(outline, admission.admitted(outline))
@@ -152,26 +168,41 @@ class Admission:
         shift = ["position_shift_m"] if "position" in self._names else []
         names = dict.fromkeys([*_ALWAYS, *held, *made, *shift])
         self._columns = {name: Column(_TYPES.get(name, np.float64)) for name in names}
+        self._count = 0
+        self._whole: Samples | None = None
+        self._lock = Lock()  # a column that grows may be moved while another thread looks at it
 
-    def push(self, events: Events) -> Iterator[Samples]:
+    def push(self, events: Events) -> Iterator[Piece]:
         """Take events in recorded order; yield the samples that they complete."""
         for start in range(0, len(events), CHUNK):
             part = slice(start, start + CHUNK)
-            yield self._kept(self._intake.push(events.stream[part], events.stamp_ns[part], events.value[part]))
+            yield self._keep(self._intake.push(events.stream[part], events.stamp_ns[part], events.value[part]))
 
-    def last(self) -> Iterator[Samples]:
+    def last(self) -> Iterator[Piece]:
         """Yield the samples that wait for others that will not come; all events have come."""
         self._intake.flush()
         last = self._intake.drain()
         if last is not None:
-            yield self._kept(last)
+            yield self._keep(last)
 
-    def _kept(self, samples: Samples) -> Samples:
-        """Keep samples; return them with the channels that are kept."""
-        kept = {name: getattr(samples, name) for name in self._columns}
-        for name, column in self._columns.items():
-            column.extend(kept[name])
-        return Samples(**kept)
+    def _keep(self, samples: Samples) -> Piece:
+        with self._lock:
+            for name, column in self._columns.items():
+                column.extend(getattr(samples, name))
+        first, self._count = self._count, self._count + len(samples)
+        return Piece(self, slice(first, self._count))
+
+    def kept(self, part: slice) -> Samples:
+        """Return some of the samples that are kept; in any thread."""
+        with self._lock:
+            if self._whole is not None:
+                return self._whole[part]
+            return Samples(**{name: column.copied(part) for name, column in self._columns.items()})
+
+    def let_go(self) -> None:
+        """Keep no sample any longer: pieces are empty from now on."""
+        with self._lock:
+            self._whole = Samples(**{name: column.taken()[:0] for name, column in self._columns.items()})
 
     def admitted(self, recording: Recorded) -> Admitted:
         """Return the samples of the recording, of which all are kept. Raises UnanswerableError as `to_samples`."""
@@ -180,11 +211,11 @@ class Admission:
         used = counts.pop("used", 0)
         if not used:
             raise UnanswerableError(f"{recording.path}: no usable sample: {_why_none(recording.whole(), counts)}")
-        if not intake.encoder.wraps.count:
-            self._columns.pop("position_shift_m", None)
+        with self._lock:
+            self._whole = Samples(**{name: column.taken() for name, column in self._columns.items()})
         breaks = intake.sequencer
         return Admitted(
-            Samples(**{name: column.taken() for name, column in self._columns.items()}),
+            self._whole if intake.encoder.wraps.count else replace(self._whole, position_shift_m=None),
             used + sum(counts.values()),
             counts,
             breaks.gaps,

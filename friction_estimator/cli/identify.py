@@ -17,6 +17,7 @@ from friction_estimator.core.metrics import nrmse
 from friction_estimator.core.online.adaptation import LAWS
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.online.first_contact import chosen, refined
+from friction_estimator.core.online.record_figures import RecordFigures
 from friction_estimator.core.online.replay import Replay, check_answerable, curves_of, replay
 from friction_estimator.core.sample import Bools
 from friction_estimator.core.settings.config import Config
@@ -109,16 +110,13 @@ def _as_replay(session: Session, config: Config, fit: BatchFit, learned: Bools, 
     curve, outlook = curves_of(fit, samples, learned)
     return Replay(
         config=config,
-        samples=samples,
+        record=RecordFigures.of(samples, learned, session.starts, estimator.model),
         predicted_N=fit.predicted_N,
-        theory_in=estimator.model.theory_over(samples) if config.is_parallel else None,
-        learned=learned,
         snapshot_index=shown,
         snapshots=[fit.parameters for _ in shown],
         health=estimator.health,
         seconds=seconds,
         estimator=estimator,
-        starts=session.starts,
         curve=curve,
         outlook=outlook,
         loads=fit.loads,

@@ -2,22 +2,25 @@
 
 import argparse
 from collections import Counter
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from friction_estimator.bag.ahead import ahead
 from friction_estimator.bag.recording import Recorded
-from friction_estimator.bag.samples import Admitted, Begins, Read, read_samples, sample_pieces
+from friction_estimator.bag.samples import Admitted, Begins, Piece, Read, read_samples, sample_pieces
 from friction_estimator.cli import common, joints
-from friction_estimator.cli.progress import progress
+from friction_estimator.cli.progress import Advance, progress
 from friction_estimator.core.errors import InputError, about
 from friction_estimator.core.model.theory_choice import has_pressure, told, warning
 from friction_estimator.core.quantities import Quantities
 from friction_estimator.core.sample import Samples, joined
 from friction_estimator.core.settings.config import PARAMETERS, Config
+
+Item = TypeVar("Item")
 
 
 class Described(Protocol):
@@ -154,6 +157,9 @@ class Learner(Protocol):
     def push(self, samples: Samples) -> None:
         """Take the next samples of it."""
 
+    def foresee(self, samples: Samples) -> Iterator[None]:
+        """Form what can be said of all samples while some wait to be learned, a step at a time; in another thread."""
+
     def give_up(self) -> None:
         """Let go of all that was learned: the recording was not as it said."""
 
@@ -231,7 +237,8 @@ def _read(
         if learner is None:
             recording, admitted = read_samples(bag, config, topics, advance)
         else:
-            recording, admitted = _read_and_learned(sample_pieces(bag, config, topics, advance), config, learner)
+            alone = len(args.bags) == 1
+            recording, admitted = _read_and_learned(bag, config, topics, advance, learner, alone)
     if heading:
         output.say(f"{heading:<12}{recording.path}")
     for name, stream in recording.streams.items():
@@ -256,22 +263,56 @@ def _read(
 
 
 def _read_and_learned(
-    pieces: Generator[Begins | Samples | Read, None, None], config: Config, learner: Learner
+    bag: str,
+    config: Config,
+    topics: Mapping[str, str],
+    advance: Advance,
+    learner: Learner,
+    alone: bool,
 ) -> tuple[Recorded, Admitted]:
-    """Return what was read; it is learned while what follows is read."""
+    """Return what was read; it is learned while what follows is read.
+
+    `alone` : whether it is all that is learned, so that its figures can be formed when it is read.
+    """
+    counts: list[tuple[int, int]] = []
+    pieces = sample_pieces(bag, config, topics, lambda done, total: counts.append((done, total)))
     begun = False
-    with ahead(pieces) as items:
-        for item in items:
-            if isinstance(item, Samples):
-                learner.push(item)
+    with ahead(_with_counts(_then(pieces, learner.foresee) if alone else pieces, counts)) as items:
+        for item, read in items:
+            if isinstance(item, Piece):
+                learner.push(item.samples())
             elif isinstance(item, Read):
                 found = item
-            elif begun:
+            elif isinstance(item, Begins) and begun:
                 learner.give_up()
-            else:
+            elif isinstance(item, Begins):
                 learner.begin(config.updated({"input.motion": item.motion}))
                 begun = True
+            for done, total in read:  # not before they are learned
+                advance(done, total)
     return found.recording, found.admitted
+
+
+def _then(
+    pieces: Generator[Item, None, None], work: Callable[[Samples], Iterator[None]]
+) -> Generator[Item | None, None, None]:
+    """Yield the pieces of a recording, then None for each step of what is done with all of it."""
+    with closing(pieces):
+        for item in pieces:
+            yield item
+    if isinstance(item, Read):
+        yield from work(item.admitted.samples)
+
+
+def _with_counts(
+    items: Generator[Item, None, None], counts: list[tuple[int, int]]
+) -> Generator[tuple[Item, list[tuple[int, int]]], None, None]:
+    """Yield each item with the counts that came before it."""
+    with closing(items):
+        for item in items:
+            taken = counts.copy()
+            counts.clear()
+            yield item, taken
 
 
 def _live_input(recording: Recorded) -> dict[str, object]:

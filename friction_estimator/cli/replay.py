@@ -1,7 +1,7 @@
 """`replay`: the estimator over recordings, as fast as the machine goes, without a ROS graph."""
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -10,7 +10,8 @@ from friction_estimator.cli.progress import progress
 from friction_estimator.cli.recorded import Described, Session, add_run_options, load, outputs, tell_theory, tell_units
 from friction_estimator.core.errors import about
 from friction_estimator.core.model.theory_choice import has_pressure, told
-from friction_estimator.core.online.replay import Replay, check_answerable, concluded, replay
+from friction_estimator.core.online.record_figures import RecordFigures
+from friction_estimator.core.online.replay import Replay, check_answerable, concluded, foreseen, replay
 from friction_estimator.core.online.run import Run
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import PARAMETERS, Config
@@ -88,6 +89,7 @@ class Learner:
         self._run: Run | None = None
         self._given_up = False
         self._problem: Exception | None = None
+        self._figures: RecordFigures | None = None
 
     def begin(self, config: Config) -> None:
         """Take the begin of a recording."""
@@ -103,6 +105,15 @@ class Learner:
         """Take the next samples of it."""
         run = self._run
         self._do(lambda: run.push(samples) if run else None)
+
+    def foresee(self, samples: Samples) -> Iterator[None]:
+        """Form the figures of samples that are all read, a step at a time, while some are still learned."""
+        try:
+            figures = foreseen(self._run, [samples]) if self._run else None
+            yield from figures.formed() if figures else ()
+        except Exception:  # raised where they are asked for: what else is wrong comes before
+            return
+        self._figures = figures
 
     def give_up(self) -> None:
         """Let go of all that was learned; nothing more is."""
@@ -125,7 +136,7 @@ class Learner:
             raise self._problem
         assert self._run is not None
         heard = {name: PARAMETERS[name].of(session.config) for name in ("input.mode", "input.joint")}
-        return concluded(self._run, session.samples, heard)
+        return concluded(self._run, session.samples, heard, self._figures)
 
 
 def judged(session: Session, result: Replay) -> Replay:

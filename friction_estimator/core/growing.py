@@ -40,6 +40,11 @@ class Column:
         np.frombuffer(self._pages, self._kind, self._room)[self._filled : end] = values  # type: ignore[arg-type]
         self._filled = end
 
+    def copied(self, part: slice) -> NDArray[Any]:
+        """Return a part of them, in an array of its own."""
+        whole = np.empty(0, self._kind) if self._pages is None else np.frombuffer(self._pages, self._kind, self._filled)
+        return whole[part].copy()
+
     def _make_room(self, count: int) -> None:
         while self._room < count:
             self._room += min(max(SMALLEST, self._room), max(1, LARGEST_BYTES // self._kind.itemsize))

@@ -169,26 +169,17 @@ def cycles_or_tenths(velocity_m_s: Floats, starts: Sequence[int] = (0,)) -> list
     return out
 
 
-def by_cycle(
-    measured: Floats,
-    predicted: Floats,
-    velocity_m_s: Floats,
-    starts: Sequence[int] = (0,),
-    scale: float | None = None,
-) -> list[float]:
-    """Return the error rms of each drive cycle over the std of the whole record (tenths where there is no cycle).
+def by_cycle(measured: Floats, predicted: Floats, cycles: Sequence[slice], scale: float | None = None) -> list[float]:
+    """Return the error rms of each drive cycle over the std of the whole record.
 
     Parameters
     ----------
-    measured, predicted, velocity_m_s : (n,), N and m/s. starts : see `cycles_or_tenths`. scale : see `nrmse`.
+    measured, predicted : (n,), N. cycles : of `cycles_or_tenths`. scale : see `nrmse`.
     """
     scale = spread(measured) if scale is None else scale
     if not scale > 0.0:
         return []
-    return [
-        float(np.sqrt(np.mean(np.square((measured[part] - predicted[part]) / scale))))
-        for part in cycles_or_tenths(velocity_m_s, starts)
-    ]
+    return [float(np.sqrt(np.mean(np.square((measured[part] - predicted[part]) / scale)))) for part in cycles]
 
 
 def settled(restart: Bools, memory: int) -> Bools:

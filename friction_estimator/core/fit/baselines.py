@@ -18,7 +18,7 @@ All signs are free. Fv is negative on the falling branch of a Stribeck curve, dF
 slowly, and a negative Fc says that the sign of the data is wrong: clipping it at 0 would hide that and fit worse.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -215,6 +215,13 @@ def fit_baselines(
     ValueError : shapes differ or a value is not finite.
     UnanswerableError : fewer than `LEAST_SAMPLES` samples, or none of them moves.
     """
+    return dict(fitted_in_turn(velocity_m_s, friction_N, names, use))
+
+
+def fitted_in_turn(
+    velocity_m_s: Floats, friction_N: Floats, names: Collection[str] = tuple(BASELINES), use: Bools | None = None
+) -> Iterator[tuple[str, StaticCurve]]:
+    """Yield the curves of `fit_baselines` one by one: of a long record, each takes a while."""
     v, f = np.asarray(velocity_m_s, np.float64), np.asarray(friction_N, np.float64)
     if v.ndim != 1 or v.shape != f.shape:
         raise ValueError(f"velocity {v.shape} and friction {f.shape} must be of one shape (n,)")
@@ -227,14 +234,12 @@ def fit_baselines(
     if not speed > 0.0:
         raise UnanswerableError("nothing moves: all velocities are 0, a friction curve cannot be fitted")
     bins = points.gathered(speed, force)
-    curves = {}
     for name in names:
         form = BASELINES[name]
         ridge = form.ridge(bins.both_ways)
         shape = best_shape(form, ridge, bins)
         coefficients = on_all(form, shape, ridge, points, speed, force)
-        curves[name] = StaticCurve(name, in_units(form, shape, coefficients, speed, force))
-    return curves
+        yield name, StaticCurve(name, in_units(form, shape, coefficients, speed, force))
 
 
 def scores(curves: Mapping[str, StaticCurve], velocity_m_s: Floats, friction_N: Floats) -> dict[str, float]:

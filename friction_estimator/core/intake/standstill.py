@@ -111,7 +111,7 @@ def stopping(state, velocity, scale):  # type: ignore[no-untyped-def] # pragma: 
     return state[AGE] >= 2.0 and abs(velocity) <= least and abs(state[BEFORE]) <= least
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _marked(velocity, restart, scale, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Fill `out` with whether the shaft stands; a rest that is known late is marked from its first sample."""
     for k in range(velocity.size):

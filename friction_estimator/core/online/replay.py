@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -18,10 +18,11 @@ from friction_estimator.core.fit.load_report import LearnedLoad
 from friction_estimator.core.model.structure import Extension, Model, Parameters
 from friction_estimator.core.online.estimator import Estimator, Health
 from friction_estimator.core.online.first_contact import Contact
+from friction_estimator.core.online.record_figures import RecordFigures
 from friction_estimator.core.online.run import Run
 from friction_estimator.core.online.shortcomings import InMotion, Judgement, Shortcoming, in_motion, shortcomings
 from friction_estimator.core.quantities import FORCE, Quantities
-from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Samples
+from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Samples, joined
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.setting import Value
 
@@ -57,14 +58,11 @@ class Replay:
     Attributes
     ----------
     config : the configuration that was run, range and units as the first contact chose them.
-    samples : the samples of all recordings that were predicted, in order.
+    record : the samples of all recordings that were predicted, and what does not depend on the prediction.
     predicted_N : (n,), friction predicted before each measurement was used.
-    theory_in : gives the theoretical curve at the samples of a part, N; None for Hammerstein.
-    learned : (n,), where the estimator was allowed to learn.
     snapshot_index : (k,) and snapshots : the parameters after the sample of that index.
     health : the estimator's own counters.
     seconds : wall-clock time of prediction and learning, without that of a first compilation.
-    starts : index of the first sample of each recording.
     curve : the static curve learned, with its 95 % band, over the velocities learned.
     outlook : the same curve over `OUTLOOK` times those velocities, and all others that occurred.
     others : recordings that were predicted with what was learned.
@@ -75,10 +73,8 @@ class Replay:
     """
 
     config: Config
-    samples: Samples
+    record: RecordFigures
     predicted_N: Floats
-    theory_in: metrics.Prediction | None
-    learned: Bools
     snapshot_index: list[int]
     snapshots: list[Parameters]
     health: Health
@@ -86,11 +82,40 @@ class Replay:
     estimator: Estimator
     curve: Curve
     outlook: Curve
-    starts: tuple[int, ...] = (0,)
     others: tuple[Judged, ...] = ()
     contact: Contact | None = None
     loads: Sequence[LearnedLoad] = ()
     deviation_N: Floats | None = None
+
+    @property
+    def samples(self) -> Samples:
+        """The samples that were predicted, n."""
+        return self.record.samples
+
+    @property
+    def learned(self) -> Bools:
+        """Where the estimator was allowed to learn, (n,)."""
+        return self.record.learned
+
+    @property
+    def starts(self) -> tuple[int, ...]:
+        """Index of the first sample of each recording."""
+        return self.record.starts
+
+    @property
+    def parts(self) -> list[slice]:
+        """The samples of each recording."""
+        return self.record.parts
+
+    @property
+    def theory_in(self) -> metrics.Prediction | None:
+        """Gives the theoretical curve at the samples of a part, N; None for Hammerstein."""
+        return self.record.theory_in
+
+    @property
+    def one_way(self) -> int:
+        """The only direction that was learned from, 1 or -1; 0 where both were, or nothing."""
+        return self.record.one_way
 
     @property
     def parameters(self) -> Parameters:
@@ -101,21 +126,6 @@ class Replay:
     def residual_N(self) -> Floats:
         """Measured minus predicted, (n,), N."""
         return self.samples.friction_N - self.predicted_N
-
-    @property
-    def parts(self) -> list[slice]:
-        """The samples of each recording."""
-        return [slice(a, b) for a, b in pairwise([*self.starts, len(self.samples)])]
-
-    @cached_property
-    def spread_N(self) -> float:
-        """Standard deviation of the measured friction, N."""
-        return metrics.spread(self.samples.friction_N)
-
-    @property
-    def duration_s(self) -> float:
-        """Time that passed in the recordings, s; what lies between them does not count."""
-        return sum(self.samples[part].duration_s for part in self.parts)
 
     @property
     def time_s(self) -> Floats:
@@ -140,38 +150,22 @@ class Replay:
         """
         if self.learned.all():
             return None
-        scored = metrics.settled(self.samples.restart, self.config.fir.order)
-        scored &= ~self.learned
-        return frozen_score(self.samples, self.predicted_N, self.theory_in, scored, self.baseline_curves)
+        return frozen_score(self.samples, self.predicted_N, self.theory_in, self.record.scored, self.baseline_curves)
 
     @cached_property
     def _judgement(self) -> Judgement:
         """What was predicted without learning; all of it where everything was learned."""
-        scored = metrics.settled(self.samples.restart, self.config.fir.order)
-        if not self.learned.all():
-            scored &= ~self.learned
         model = self.estimator.model
         nothing = np.broadcast_to(0.0, (len(self.samples),))
         given = model.load.known_N(self.samples) if model.load.known else nothing
         learned = model.load.force_N(self.samples, self.parameters.load_weights) if model.load.size else nothing
         return Judgement(
-            samples=self.samples,
+            figures=self.record,
             predicted_N=self.predicted_N,
-            learned=self.learned,
-            scored=scored,
-            top_speed_m_s=max(abs(end) for end in model.basis.reach),
             has_loads=frozenset(part.name for part in (*model.load.known, *model.load.unknown)),
             given_N=given,
             load_N=given + learned if given is not nothing or learned is not nothing else nothing,
         )
-
-    @cached_property
-    def one_way(self) -> int:
-        """The only direction that was learned from, 1 or -1; 0 where both were, or nothing."""
-        judged = self._judgement
-        velocity, learned, standing = self.samples.velocity_m_s, judged.learned, judged.standing
-        parts = sums.parts(velocity.size)
-        return metrics.one_way(velocity[part][learned[part] > standing[part]] for part in parts)  # >: and not
 
     @cached_property
     def in_motion(self) -> InMotion:
@@ -230,18 +224,17 @@ class Replay:
         final = metrics.nrmse(late, guessed)
         end_rms = float(np.sqrt(sums.mean_square(lambda part: late[part] - guessed[part], late.size)))
         frozen = self.frozen_score
-        scale = self.spread_N
-        theory = None if self.theory_in is None else metrics.nrmse(measured, self.theory_in, scale=scale)
+        record, scale = self.record, self.record.spread_N
         return {
-            "sample_rate_hz": self.samples.sample_rate_hz,
-            "duration_s": self.duration_s,
+            "sample_rate_hz": record.sample_rate_hz,
+            "duration_s": record.duration_s,
             "nrmse": metrics.nrmse(measured, predicted, scale=scale),
-            "nrmse_persistence": metrics.nrmse_persistence(measured, self.samples.restart),
+            "nrmse_persistence": record.persistence,
             "nrmse_final": final,
-            "nrmse_by_cycle": metrics.by_cycle(measured, predicted, self.samples.velocity_m_s, self.starts, scale),
+            "nrmse_by_cycle": metrics.by_cycle(measured, predicted, record.cycles, scale),
             "nrmse_frozen": None if frozen is None else frozen.nrmse,
             "fit_percent": 100.0 * (1.0 - final),
-            "theory_nrmse": theory,
+            "theory_nrmse": record.theory_nrmse,
             "diverged": bool(not np.isfinite(predicted).all() or end_rms > DIVERGED * scale),
             "samples_per_second": len(self.samples) / self.seconds if self.seconds > 0.0 else None,
             "units": self.config.quantities.names,
@@ -300,36 +293,59 @@ def replay(
     return concluded(run, samples)
 
 
-def concluded(run: Run, samples: Samples, heard: Mapping[str, Value] | None = None) -> Replay:
+def foreseen(run: Run, parts: Sequence[Samples]) -> RecordFigures | None:
+    """Return the figures of samples of which a run has not taken all yet; None before their first contact.
+
+    `parts` : the samples of each recording, all of them. A thread beside that of the run may ask.
+    """
+    contact = run.known_contact
+    if contact is None or run.learned_until is not None:
+        return None
+    samples = joined(parts)[contact.dropped :]
+    starts = accumulate((len(part) for part in parts[:-1]), initial=0)
+    begins = tuple(max(0, start - contact.dropped) for start in starts)
+    return RecordFigures.of(samples, _throughout(samples), begins, run.estimator.model)
+
+
+def _throughout(samples: Samples, learned: bool = True) -> Bools:
+    return np.broadcast_to(np.bool_(learned), (len(samples),))
+
+
+def concluded(
+    run: Run,
+    samples: Samples,
+    heard: Mapping[str, Value] | None = None,
+    figures: RecordFigures | None = None,
+) -> Replay:
     """Return what a run that has taken all of the samples made of them.
 
     Parameters
     ----------
     heard : settings that say how the inputs were found, which the run was not told.
+    figures : as `foreseen` gave them; formed anew where the model's range has grown since.
     """
     predicted, spread = run.finish()
     contact, estimator = run.contact, run.estimator
     if heard:
         contact = replace(contact, config=contact.config.updated(heard))
         estimator.config = estimator.config.updated(heard)
-    samples = samples[contact.dropped :]
-    learn = np.broadcast_to(np.bool_(run.learned_until is None), (len(samples),))
-    if run.learned_until:
-        learn = learn.copy()
-        learn[: run.learned_until] = True
-    curve, outlook = curves_of(estimator, samples, learn)
+    if figures is None or figures.model is not estimator.model:
+        samples = samples[contact.dropped :]
+        learn = _throughout(samples, run.learned_until is None)
+        if run.learned_until:
+            learn = learn.copy()
+            learn[: run.learned_until] = True
+        figures = RecordFigures.of(samples, learn, tuple(run.starts), estimator.model)
+    curve, outlook = curves_of(estimator, figures.samples, figures.learned)
     return Replay(
         config=contact.config,
-        samples=samples,
+        record=figures,
         predicted_N=predicted,
-        theory_in=estimator.model.theory_over(samples) if contact.config.is_parallel else None,
-        learned=learn,
         snapshot_index=list(run.snapshots),
         snapshots=list(run.snapshots.values()),
         health=estimator.health,
         seconds=run.seconds,
         estimator=estimator,
-        starts=tuple(run.starts),
         curve=curve,
         outlook=outlook,
         contact=contact,

@@ -86,6 +86,11 @@ class Run:
         return self._contact
 
     @property
+    def known_contact(self) -> Contact | None:
+        """The same, None before."""
+        return self._contact
+
+    @property
     def starts(self) -> list[int]:
         """Index of the first sample of each recording among those predicted."""
         return [max(0, begin - self.contact.dropped) for begin in self._begins]
@@ -120,8 +125,8 @@ class Run:
 
     def _meet(self, config: Config, *, ended: bool) -> None:
         first = self._first
-        self._contact = Contact(config, first.chosen_from, first.dropped, ended)
         self._estimator = Estimator(config, self._extension)
+        self._contact = Contact(config, first.chosen_from, first.dropped, ended)
         if len(first):
             self._learn(first.queue())
         self._first = FirstContact(config)

@@ -8,17 +8,14 @@ that was tested (that is `diagnose`'s).
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import combinations
 
 import numpy as np
 
 from friction_estimator.core import metrics, sums
-from friction_estimator.core.fit.baselines import StaticCurve
-from friction_estimator.core.fit.frozen_score import CURVES, curves_learned
 from friction_estimator.core.intake.acceleration import slopes
-from friction_estimator.core.intake.standstill import standstill
 from friction_estimator.core.model.load import LOADS, SampleMotion, smooth_sign
+from friction_estimator.core.online.record_figures import RecordFigures
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Samples
 from friction_estimator.core.settings.groups import LoadConfig
 
@@ -96,47 +93,38 @@ class Judgement:
 
     Attributes
     ----------
-    samples : all n of them. predicted_N : (n,). learned, scored : (n,), learned from, and judged on.
-    top_speed_m_s : of the range learned. has_loads : kinds of load that the model has already.
+    figures : of the n samples. predicted_N : (n,). has_loads : kinds of load that the model has already.
     given_N : (n,), what was taken off as known load; load_N : (n,), that and the load learned beside the friction;
         `NO_LOAD` of them where there is none.
     """
 
-    samples: Samples
+    figures: RecordFigures
     predicted_N: Floats
-    learned: Bools
-    scored: Bools
-    top_speed_m_s: float
     has_loads: frozenset[str]
     given_N: Floats
     load_N: Floats
+
+    @property
+    def samples(self) -> Samples:
+        """All n of them."""
+        return self.figures.samples
 
     @property
     def error_N(self) -> Floats:
         """Measured minus predicted, (n,)."""
         return self.samples.friction_N - self.predicted_N
 
-    @cached_property
-    def standing(self) -> Bools:
-        """Where the shaft stands, (n,); without an array where it never does."""
-        found = standstill(self.samples, self.top_speed_m_s)
-        return found if found.any() else np.broadcast_to(np.bool_(False), found.shape)
-
 
 def in_motion(judged: Judgement) -> InMotion:
     """Return the score without the samples at standstill."""
-    samples, standing = judged.samples, judged.standing
-    moves = judged.scored > standing if standing.any() else judged.scored  # greater: and not
-    measured, velocity = samples.friction_N, samples.velocity_m_s
-    curves: dict[str, StaticCurve] = {}
-    fitted = judged.learned > standing if standing.any() else judged.learned
-    if np.count_nonzero(fitted) and np.count_nonzero(moves) > 1:
-        curves = curves_learned(velocity, measured, fitted, CURVES)
-    scale = metrics.spread(measured, moves)
-    scores = {name: metrics.nrmse(measured, curve.over(velocity), moves, scale) for name, curve in curves.items()}
-    still = sum(int(np.count_nonzero(standing[part] & judged.scored[part])) for part in sums.parts(standing.size))
-    share = still / max(1, int(np.count_nonzero(judged.scored)))
-    return InMotion(int(moves.sum()), share, metrics.nrmse(measured, judged.predicted_N, moves, scale), scores)
+    figures = judged.figures
+    moves = figures.in_motion
+    return InMotion(
+        samples=int(moves.sum()),
+        standing_share=figures.standing_share,
+        nrmse=metrics.nrmse(figures.samples.friction_N, judged.predicted_N, moves, figures.spread_in_motion_N),
+        baselines=figures.rivals_in_motion,
+    )
 
 
 def shortcomings(judged: Judgement) -> tuple[Shortcoming, ...]:
@@ -148,12 +136,14 @@ def shortcomings(judged: Judgement) -> tuple[Shortcoming, ...]:
     >>> v = np.where(np.arange(n) < 2000, 1.0, 0.0) * np.sin(np.arange(n) / 30)
     >>> stuck = 0.5 * np.sin(np.arange(n) / 7) * (v == 0.0)
     >>> record = Samples(np.arange(n) * 10**7, v, np.sign(v) + stuck, np.arange(n) == 0)
-    >>> judged = Judgement(record, np.sign(v), v != 0.0, np.ones(n, bool), 1.0, frozenset(), np.zeros(n), np.zeros(n))
+    >>> figures = RecordFigures(record, learned=v != 0.0, scored=np.ones(n, bool), top_speed_m_s=1.0)
+    >>> judged = Judgement(figures, np.sign(v), frozenset(), np.zeros(n), np.zeros(n))
     >>> [one.name for one in shortcomings(judged)]
     ['standstill']
     """
-    samples, scored, standing = judged.samples, judged.scored, judged.standing
-    if not metrics.nrmse(samples.friction_N, judged.predicted_N, scored) > GOOD_NRMSE:
+    samples, figures = judged.samples, judged.figures
+    scored, standing, learned = figures.scored, figures.standing, figures.learned
+    if not metrics.nrmse(samples.friction_N, judged.predicted_N, scored, figures.scored_spread_N) > GOOD_NRMSE:
         return ()
     error = judged.error_N
     total = float(np.sum(np.square(error[scored])))
@@ -164,8 +154,8 @@ def shortcomings(judged: Judgement) -> tuple[Shortcoming, ...]:
         return float(np.sum(np.square(error[part & scored]))) / total
 
     moves = scored & ~standing
-    other = _other_way(samples.velocity_m_s, judged.learned & ~standing)
-    beyond = _never_met(samples.velocity_m_s, judged.learned)
+    other = _other_way(samples.velocity_m_s, learned & ~standing)
+    beyond = _never_met(samples.velocity_m_s, learned)
     found = [
         _standing(share(standing), float(np.mean(standing[scored]))),
         _direction(share(moves & other)),
@@ -243,9 +233,9 @@ def _load(judged: Judgement, within: Bools, left: float) -> Shortcoming | None:
     """Look for a load beside Coulomb and viscous friction, on parts of the record that it was not fitted to."""
     samples = judged.samples
     velocity = samples.velocity_m_s[within]
-    smooth = smooth_sign(velocity, judged.top_speed_m_s)
+    smooth = smooth_sign(velocity, judged.figures.top_speed_m_s)
     parts = {"friction": np.column_stack([smooth, velocity, np.ones(velocity.size)])}
-    motion = _motion(samples, judged.top_speed_m_s)
+    motion = _motion(samples, judged.figures.top_speed_m_s)
     reach = float(np.ptp(motion.position_m))
     for name, load in LOADS.items():
         is_known = samples.position_m is not None or load.needs != "position"
