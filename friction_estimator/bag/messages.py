@@ -292,6 +292,8 @@ def stamps_of(rows: Rows, layout: Layout) -> Ints:
 def _column(rows: Rows, place: int, code: str) -> NDArray[Any]:
     """Return the number of struct code `code` that stands at `place` of every row, (n,)."""
     kind = np.dtype(code)
+    if rows.flags.c_contiguous and rows.shape[1] % kind.itemsize == place % kind.itemsize == 0:
+        return rows.view(kind)[:, place // kind.itemsize]
     return np.ascontiguousarray(rows[:, place : place + kind.itemsize]).view(kind)[:, 0]
 
 

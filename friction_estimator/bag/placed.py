@@ -5,6 +5,7 @@ stamp and a value are wanted. Both loops let go of the interpreter, so that what
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,6 +131,7 @@ class Words:
     mask: NDArray[np.uint64]
 
     @classmethod
+    @lru_cache(maxsize=16)
     def of(cls, layout: Layout) -> "Words | None":
         """Return those of a layout; None where a message is shorter than a word."""
         if layout.length < WORD:

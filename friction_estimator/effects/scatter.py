@@ -3,7 +3,6 @@
 from itertools import pairwise
 
 import numpy as np
-from scipy.ndimage import median_filter, uniform_filter1d
 from scipy.special import stdtrit
 
 from friction_estimator.core.sample import Bools, Floats, Ints
@@ -145,6 +144,8 @@ def held_levels(values: Floats, restart: Bools, deviation: float) -> Floats:
 
     The window grows at each sample as long as what it takes off has no mean of its own there.
     """
+    from scipy.ndimage import median_filter, uniform_filter1d  # noqa: PLC0415 - slow to import
+
     best = values.copy()
     edges = np.append(np.flatnonzero(restart), values.size)
     for a, b in pairwise(edges):

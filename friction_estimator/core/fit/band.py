@@ -14,7 +14,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
 from friction_estimator.compiled import njit
 from friction_estimator.core import sums
@@ -154,9 +153,14 @@ def misfit_variance(errors: Floats) -> Floats:
     white = NOISE_MARGIN * float(np.quantile(power[seen] if seen.any() else power, NOISE_QUANTILE))
     coloured = _filled(errors, PRODUCT) - power / np.sqrt(MEMORY)  # less its standard error: white noise is no misfit
     power = np.maximum(np.maximum(coloured, power - white), 0.0)
-    width = 2 * NEIGHBOURS + 1
-    skipped = maximum_filter1d(errors[:, COUNT] <= 1.0, width, mode="nearest")
-    return np.where(skipped, SPARSE_FACTOR, CURVE_FACTOR) * maximum_filter1d(power, width, mode="nearest")
+    skipped = _largest_about(np.asarray(errors[:, COUNT] <= 1.0, np.float64)) > 0.0
+    return np.where(skipped, SPARSE_FACTOR, CURVE_FACTOR) * _largest_about(power)
+
+
+def _largest_about(values: Floats) -> Floats:
+    """Return the largest value of each cell and its neighbours, (cells,)."""
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(values, NEIGHBOURS, "edge"), 2 * NEIGHBOURS + 1)
+    return np.asarray(around.max(axis=1))
 
 
 def _filled(errors: Floats, column: int) -> Floats:

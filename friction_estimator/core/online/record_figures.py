@@ -130,6 +130,8 @@ class RecordFigures:
     @cached_property
     def spread_in_motion_N(self) -> float:
         """Standard deviation of the measured friction there, N."""
+        if not self.standing.any():
+            return self.scored_spread_N
         return metrics.spread(self.samples.friction_N, self.in_motion)
 
     @property
