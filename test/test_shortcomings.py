@@ -35,7 +35,7 @@ def judgement(samples: Samples, predicted: np.ndarray | None = None, top: float 
     """The first half learned from, the second judged; predicted by the true curve unless given."""
     half = np.arange(len(samples)) >= len(samples) // 2
     known = friction(samples.velocity_m_s) if predicted is None else predicted
-    figures = RecordFigures(samples, learned=~half, scored=half, top_speed_m_s=top)
+    figures = RecordFigures(samples, learned=~half, top_speed_m_s=top)
     return Judgement(figures, known, frozenset(), np.zeros(len(samples)), np.zeros(len(samples)))
 
 

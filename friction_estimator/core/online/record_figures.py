@@ -23,31 +23,30 @@ class RecordFigures:
     Attributes
     ----------
     samples : all n of them.
-    learned, scored : (n,), learned from, and judged on.
+    learned : (n,), which were learned from.
     top_speed_m_s : of the range learned.
+    memory : samples that the model's delay lines hold: as many after a restart are not judged on.
     starts : index of the first sample of each recording.
     model : whose theory is a rival, and whose range has the top speed; None where that is said apart.
     """
 
     samples: Samples
     learned: Bools
-    scored: Bools
     top_speed_m_s: float
+    memory: int = 0
     starts: tuple[int, ...] = (0,)
     model: Model | None = None
 
     @classmethod
     def of(cls, samples: Samples, learned: Bools, starts: tuple[int, ...], model: Model) -> "RecordFigures":
-        """Return those of what a model was to learn from: judged on what it did not learn from, on all where it did."""
-        scored = metrics.settled(samples.restart, model.config.fir.order)
-        if not learned.all():
-            scored &= ~learned
-        return cls(samples, learned, scored, max(abs(end) for end in model.basis.reach), starts, model)
+        """Return those of what a model learned from, or was to."""
+        top_speed = max(abs(end) for end in model.basis.reach)
+        return cls(samples, learned, top_speed, model.config.fir.order, starts, model)
 
     def formed(self) -> Iterator[None]:
         """Form all that takes a while, a step at a time; what is asked for afterwards is there."""
         costly = (
-            "spread_N", "sample_rate_hz", "duration_s", "persistence", "cycles", "theory_nrmse", "standing", "one_way",
+            "standing", "spread_N", "sample_rate_hz", "duration_s", "persistence", "cycles", "theory_nrmse", "one_way",
             "scored_spread_N", "spread_in_motion_N",
         )  # fmt: skip
         for name in costly:
@@ -65,6 +64,14 @@ class RecordFigures:
     def spread_N(self) -> float:
         """Standard deviation of the measured friction, N."""
         return metrics.spread(self.samples.friction_N)
+
+    @cached_property
+    def scored(self) -> Bools:
+        """Which are judged on, (n,): those not learned from, all where all were, with delay lines that are filled."""
+        scored = metrics.settled(self.samples.restart, self.memory)
+        if not self.learned.all():
+            scored &= ~self.learned
+        return scored
 
     @cached_property
     def scored_spread_N(self) -> float:

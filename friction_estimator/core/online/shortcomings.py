@@ -136,7 +136,7 @@ def shortcomings(judged: Judgement) -> tuple[Shortcoming, ...]:
     >>> v = np.where(np.arange(n) < 2000, 1.0, 0.0) * np.sin(np.arange(n) / 30)
     >>> stuck = 0.5 * np.sin(np.arange(n) / 7) * (v == 0.0)
     >>> record = Samples(np.arange(n) * 10**7, v, np.sign(v) + stuck, np.arange(n) == 0)
-    >>> figures = RecordFigures(record, learned=v != 0.0, scored=np.ones(n, bool), top_speed_m_s=1.0)
+    >>> figures = RecordFigures(record, learned=v != 0.0, top_speed_m_s=1.0)
     >>> judged = Judgement(figures, np.sign(v), frozenset(), np.zeros(n), np.zeros(n))
     >>> [one.name for one in shortcomings(judged)]
     ['standstill']
