@@ -225,6 +225,7 @@ class Replay:
         end_rms = float(np.sqrt(sums.mean_square(lambda part: late[part] - guessed[part], late.size)))
         frozen = self.frozen_score
         record, scale = self.record, self.record.spread_N
+        finite = all(np.isfinite(predicted[part]).all() for part in sums.parts(predicted.size))
         return {
             "sample_rate_hz": record.sample_rate_hz,
             "duration_s": record.duration_s,
@@ -235,7 +236,7 @@ class Replay:
             "nrmse_frozen": None if frozen is None else frozen.nrmse,
             "fit_percent": 100.0 * (1.0 - final),
             "theory_nrmse": record.theory_nrmse,
-            "diverged": bool(not np.isfinite(predicted).all() or end_rms > DIVERGED * scale),
+            "diverged": bool(not finite or end_rms > DIVERGED * scale),
             "samples_per_second": len(self.samples) / self.seconds if self.seconds > 0.0 else None,
             "units": self.config.quantities.names,
             "baselines": None if frozen is None else frozen.baselines,
