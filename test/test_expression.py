@@ -115,6 +115,7 @@ def test_what_has_no_answer_is_no_number_and_no_failure(text):
         ("'tau", "'tau has no closing quote"),
         ("tau*0", "a factor of zero leaves nothing of tau"),
         ("tau/0", "a division by zero leaves nothing of tau"),
+        ("1e999*tau", "1e999 is too large for a number"),
         ("d(3)", "the derivative of a constant"),
         ("v[lightyear]", "[lightyear] is no unit"),
         ("tau[N m]+v[m/s]", "a torque and a linear velocity cannot be added"),

@@ -105,6 +105,19 @@ def test_unknown_terms_are_learned_within_their_intervals_by_fit_and_by_rls():
     assert online.config.unit_N < 0.4  # that of friction, not of the effort
 
 
+def test_spikes_of_the_effort_do_not_make_the_unit_of_force():
+    given = config(["inertia", "gravity"])
+    t, q, v, effort = pendulum()
+    clean = replay(admitted(given, t, q, v, effort), given)
+    effort[[10, 500, 501, 3000]] = 1e6, -1e6, 1e6, 1e6
+    spiked = replay(admitted(given, t, q, v, effort), given)
+    assert spiked.config.unit_N == pytest.approx(clean.config.unit_N, rel=0.05)
+    for load in spiked.loads:
+        assert load.separated, load.reason
+        assert load.ci95[0] <= TRUTH[load.term] <= load.ci95[1]
+        assert load.ci95[1] - load.ci95[0] < 0.3 * max(TRUTH[load.term], 0.3)
+
+
 def test_one_sine_does_not_tell_an_inertia_from_a_spring():
     given = config(["inertia", "spring"])
     t, q, v, a = motion(((0.5, 0.8),))
@@ -450,6 +463,21 @@ def test_a_load_given_in_another_scale_than_the_effort_is_named_and_the_advice_h
     helped = replay(admitted(given, t, q, v, 1.4 * effort / times), given, freeze_after=0.5)
     assert not helped.shortcomings
     assert helped.figures()["nrmse_frozen"] < 0.3 * judged.figures()["nrmse_frozen"]
+
+
+@pytest.mark.parametrize(
+    ("holds", "seen", "advice"),
+    [(0.0, "nothing of the load given", "leave those terms out"), (-1.0, "-1.0[0-9] times", "the other way about")],
+)
+def test_a_load_that_the_effort_does_not_hold_or_holds_turned_round_is_no_scale(holds, seen, advice):
+    t, q, v, a = motion()
+    load = INERTIA * a + SIN * np.sin(q) + COS * np.cos(q)
+    given = config([f"inertia={INERTIA}", f"gravity:sin={SIN},cos={COS}"])
+    (found,) = replay(admitted(given, t, q, v, friction_of(v) + holds * load), given, freeze_after=0.5).shortcomings
+    assert found.name == "load_scale"
+    assert re.search(seen, found.text)
+    assert advice in found.advice
+    assert "divide" not in found.advice
 
 
 def test_a_load_is_told_in_the_readers_units():

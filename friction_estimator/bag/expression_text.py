@@ -153,7 +153,10 @@ class Reader:
             self._column(self._known[name], alone=name)
             return place + len(name), False
         if number := _NUMBER.match(text, place):
-            self._source.append(f" {float(number[0])!r} ")
+            value = float(number[0])
+            if math.isinf(value):
+                raise self._wrong(f"{number[0]} is too large for a number")
+            self._source.append(f" {value!r} ")
             return number.end(), False
         if text[place] in "+-(":
             self._source.append(text[place])

@@ -13,6 +13,7 @@ column of `load_dependence` is the sign of the velocity here, times the size of 
 then (`prediction.rubbing`): pseudo-linear, as in extended least squares.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -38,6 +39,9 @@ LARGEST_LOAD_N = 1e12
 
 FIT_RIDGE = 1e-6
 """Of `friction_alone`: share of a column's own power that its coefficient costs."""
+
+SPIKES_ABOVE = 4.0
+"""Of `friction_alone`: times the effort that two samples of a hundred exceed, to which any other is shortened."""
 
 SMOOTH_SHARE = 0.02
 """Of the top speed: width of the smooth sign beside which loads are sought and learned."""
@@ -403,8 +407,9 @@ def _made(values: Floats | None) -> Floats:
 def friction_alone(config: Config, samples: Samples) -> Floats:
     """Return the effort less a rough fit of the unknown load terms, (n,), N: what the scale of friction is taken from.
 
-    A ridge regression on the terms, a smooth sign of the velocity and the velocity itself. Without unknown terms it is
-    the effort.
+    A ridge regression on the terms, a smooth sign of the velocity and the velocity itself, to the effort without its
+    spikes: one of them among the first samples would make the load, and what is left of the effort, as large as itself.
+    Without unknown terms it is the effort.
     """
     terms = LoadTerms(config)
     linear = [part for part in terms.unknown if not part.load.follows]
@@ -419,5 +424,6 @@ def friction_alone(config: Config, samples: Samples) -> Floats:
     norm = np.sqrt(np.mean(np.square(columns), axis=0))
     columns = columns / np.where(norm > 0.0, norm, 1.0)
     gram = columns.T @ columns / len(samples) + FIT_RIDGE * np.eye(columns.shape[1])
-    weights = np.linalg.solve(gram, columns.T @ samples.friction_N / len(samples))
+    most = SPIKES_ABOVE * float(np.quantile(np.abs(samples.friction_N), 0.98)) or math.inf
+    weights = np.linalg.solve(gram, columns.T @ np.clip(samples.friction_N, -most, most) / len(samples))
     return np.asarray(samples.friction_N - columns[:, : len(linear)] @ weights[: len(linear)])

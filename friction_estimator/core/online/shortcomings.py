@@ -44,6 +44,9 @@ MOST_LOADS = 2
 GIVEN = "the load given"
 """What was taken off as known load, once more: its share is by how much the effort holds it other than given."""
 
+NONE_OF_IT = 0.1
+"""Share of the load given below which the effort holds none of it, and does not hold it in another scale."""
+
 SINGULAR = 1e-14
 """Share of the largest eigenvalue of the moments below which a direction is rounding."""
 
@@ -284,14 +287,21 @@ def _other_scale(
     columns = np.column_stack([parts[GIVEN], *(parts[name] for name in ("friction", *best) if name != GIVEN)])
     times = 1.0 + float(np.linalg.lstsq(columns, force, rcond=None)[0][0])
     beside = "".join(f", {name} beside it" for name in best if name != GIVEN)
-    return Shortcoming(
-        "load_scale",
-        share_percent,
-        f"the effort holds {times:.2f} times the load given in load.terms{beside}",
+    seen = f"the effort holds {times:.2f} times the load given in load.terms{beside}"
+    advice = (
         "where that load is right, the effort is in another unit or scale (current for torque, motor for joint, a "
         f"torque constant): divide it by {times:.2f} at import; where the effort is right, name the terms without "
-        "values",
+        "values"
     )
+    if abs(times) < NONE_OF_IT:
+        seen = f"the effort holds nothing of the load given in load.terms{beside}"
+        advice = "it was taken off before, or this effort does not have it: leave those terms out"
+    elif times < 0.0:
+        advice = (
+            "its sign is the other way about: turn the position or the values round, or the effort where friction "
+            "opposes the motion with a negative sign (input.friction_sign), or name the terms without values"
+        )
+    return Shortcoming("load_scale", share_percent, seen, advice)
 
 
 def _held_out(parts: Mapping[str, Floats], force: Floats) -> Callable[[tuple[str, ...]], float]:
