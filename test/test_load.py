@@ -13,7 +13,7 @@ from friction_estimator.core.intake.admission import Intake
 from friction_estimator.core.intake.pairing import FRICTION, POSITION, VELOCITY
 from friction_estimator.core.intake.standstill import standstill
 from friction_estimator.core.model.load import LOADS, LoadTerms, parse_term
-from friction_estimator.core.online import workspace
+from friction_estimator.core.online import recovery, workspace
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.online.first_contact import chosen
 from friction_estimator.core.online.live import LiveStep
@@ -317,7 +317,7 @@ def test_a_state_keeps_the_load_and_one_from_before_is_one_without():
     Estimator(given).restore(without)
     del without["arrays"]["residual"]
     two.restore(without)
-    assert two.work.residual[0] == one.work.moments[workspace.MISFIT_POWER] > 0.0
+    assert two.work.residual[recovery.PRESENT] == one.work.moments[workspace.MISFIT_POWER] > 0.0
     for value in (-1.0, np.nan):
         unsound = one.state()
         unsound["arrays"]["noise"][0, 0] = value
@@ -370,6 +370,31 @@ def test_an_interval_of_rls_is_as_wide_as_that_of_the_fit():
         assert ours.separated
         assert theirs.separated
         assert 0.75 < (ours.ci95[1] - ours.ci95[0]) / (theirs.ci95[1] - theirs.ci95[0]) < 1.5, ours.text(SI)
+
+
+@pytest.mark.parametrize("fault", [lambda effort: effort[0], lambda effort: 1e6])
+def test_a_fault_that_was_undone_leaves_the_intervals_as_they_were(fault):
+    """Two seconds of a stuck or broken sensor: an alarm, then the model from before."""
+    given = config(["inertia", "gravity"])
+    t, q, v, effort = pendulum(seconds=60.0)
+    clean = replay(admitted(given, t, q, v, effort), given)
+    effort[6000:6400] = fault(effort[6000:])
+    samples = admitted(given, t, q, v, effort)
+    judged = replay(samples, given)
+    assert judged.estimator.health.restored == 1
+    for ours, before in zip(judged.loads, clean.loads, strict=True):
+        assert ours.separated, ours.text(SI)
+        assert ours.ci95[0] <= TRUTH[ours.term] <= ours.ci95[1]
+        assert 0.8 < (ours.ci95[1] - ours.ci95[0]) / (before.ci95[1] - before.ci95[0]) < 1.5
+    # While it is held the model from before predicts, and its intervals are told.
+    estimator = Estimator(chosen(given, samples[:2000]))
+    estimator.run(samples[:6000])
+    calm = estimator.loads
+    estimator.run(samples[6000:6200])
+    assert estimator.health.held
+    for held, before in zip(estimator.loads, calm, strict=True):
+        assert held.separated, held.text(SI)
+        assert 0.8 < (held.ci95[1] - held.ci95[0]) / (before.ci95[1] - before.ci95[0]) < 1.5
 
 
 def test_noise_of_the_acceleration_does_not_separate_an_inertia():

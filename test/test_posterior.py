@@ -11,6 +11,7 @@ from friction_estimator.core.fit.moments import gather
 from friction_estimator.core.fit.posterior import Posterior, settle
 from friction_estimator.core.model.prior import Prior
 from friction_estimator.core.model.structure import Model
+from friction_estimator.core.online import recovery
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
@@ -161,7 +162,7 @@ def test_rls_is_the_batch_posterior_where_the_model_is_linear(model_type):
     )
     # What rls says it leaves, from errors that were made before it had learned, is what the fit leaves.
     left = 2.0 * fit.posterior.prior.residual_variance * fit.posterior.cost(fit.parameters.theta)
-    assert estimator.work.residual[0] == pytest.approx(left / fit.posterior.moments.count, rel=1e-3)
+    assert estimator.work.residual[recovery.PRESENT] == pytest.approx(left / fit.posterior.moments.count, rel=1e-3)
 
 
 @pytest.mark.parametrize("model_type", MODELS)

@@ -321,9 +321,11 @@ class Estimator:
         """What is learned of the unknown load terms."""
         if not self.model.load.size:
             return []
-        moments, rho = self.work.moments, self._prior.residual_variance
-        weight = float(moments[workspace.ABSORBED]) / rho
-        misfit = float(np.sqrt(self.work.residual[0]))
+        work, model, moments = self.work, recovery.PRESENT, self.work.moments
+        if work.hold[workspace.HOLDING]:
+            model, moments = recovery.HELD, recovery.Kept.of(work.kept[recovery.HELD], work).moments
+        weight = float(moments[workspace.ABSORBED]) / self._prior.residual_variance
+        misfit = float(np.sqrt(work.residual[model]))
         return learned_loads(self.model, self._predicting[0], self.covariance, weight, misfit)
 
     @property
@@ -395,7 +397,8 @@ class Estimator:
         # Former versions kept neither: some sixty samples' worth of noise; for the errors the robust mean is next best.
         state_check.take_over(other.work, {"noise": other.work.noise, "residual": other.work.residual, **arrays})
         if "residual" not in arrays:
-            other.work.residual[0] = other.work.moments[workspace.MISFIT_POWER]
+            models = (recovery.Kept.of(row, other.work).moments for row in other.work.kept)
+            other.work.residual[:] = [each[workspace.MISFIT_POWER] for each in (*models, other.work.moments)]
         self.config, self.model, self._prior, self.work = other.config, other.model, other._prior, other.work
 
 

@@ -421,7 +421,7 @@ def cold_start(model: Model, prior: Prior, metric: Floats, covariance: bool, con
         root=arrays["prior_root"].copy(),
         prior=metric,
         noise=np.zeros((model.load.size, 2)),
-        residual=np.zeros(1),
+        residual=np.zeros(recovery.KEPT + 1),
         owed=np.zeros(model.size if covariance else 0),
         law=constants,
         moments=at.cold_moments(),

@@ -30,7 +30,16 @@ from friction_estimator.core.model.structure import Inputs
 from friction_estimator.core.online import workspace as at
 from friction_estimator.core.online.lms import LMS, learn_lms
 from friction_estimator.core.online.nlms import NLMS, learn_nlms
-from friction_estimator.core.online.recovery import FORMER, HELD, alarming, begin_hold, judge, predicted_by, surprise_of
+from friction_estimator.core.online.recovery import (
+    FORMER,
+    HELD,
+    PRESENT,
+    alarming,
+    begin_hold,
+    judge,
+    predicted_by,
+    surprise_of,
+)
 from friction_estimator.core.online.rls import PULL_EVERY, RLS, learn_rls, mistaken, project, pull, without_noise
 from friction_estimator.core.online.steps import dot
 from friction_estimator.core.sample import Bools, Floats
@@ -296,7 +305,7 @@ def run(law_number, samples, work):  # type: ignore[no-untyped-def] # pragma: no
         if holding:
             row, former_row = kept[HELD], kept[FORMER]
             judge(
-                hold, kept, kept_root, trial, theta, owed, errors, moments, status, root, law,
+                hold, kept, kept_root, trial, theta, owed, errors, moments, residual, status, root, law,
                 velocity[k], cell[k], target[k] - held,
                 surprise_of(row, target[k] - held, held_variance, moments, law),
                 surprise_of(former_row, target[k] - former, former_variance, moments, law),
@@ -307,11 +316,14 @@ def run(law_number, samples, work):  # type: ignore[no-untyped-def] # pragma: no
         elif law_number == NLMS or law[at.LEAST_LEVERAGE] > 0.0:
             if law_number == RLS and error * error > variance:
                 open_variance += mistaken(shape, root, noise, x, gain)
-            if alarming(hold, kept, theta, owed, errors, moments, velocity[k], cell[k], error, open_variance, law):
+            if alarming(
+                hold, kept, theta, owed, errors, moments, residual, velocity[k], cell[k], error, open_variance, law
+            ):
                 hold[at.HELD_SINCE] = 0.0
                 begin_hold(
-                    hold, kept, kept_root, trial, theta, owed, errors, moments, status, root, prior_root, mean, error
-                )
+                    hold, kept, kept_root, trial, theta, owed, errors, moments, residual, status, root, prior_root,
+                    mean, error,
+                )  # fmt: skip
                 continue
         if law_number == NLMS:
             learn_nlms(shape, theta, ring, law, status, prior, x, clipped, gain)
@@ -319,7 +331,7 @@ def run(law_number, samples, work):  # type: ignore[no-untyped-def] # pragma: no
         # Of linear least squares the sum of e^2 / (1 + r) is the sum of the squares that a fit to all samples leaves.
         bounded = min(abs(error), max(limit, LARGEST_RESIDUAL))
         memory = min(float(status[at.LEARNED]), MISFIT_MEMORY)
-        residual[0] += (bounded * bounded / (1.0 + r) - residual[0]) / memory
+        residual[PRESENT] += (bounded * bounded / (1.0 + r) - residual[PRESENT]) / memory
         if LEAST_EXCITATION < r < LARGEST_EXCITATION:
             w = learn_rls(shape, theta, ring, law, moments, status, root, error, clipped, projected, r, gain)
             for load in range(noise.shape[0]):

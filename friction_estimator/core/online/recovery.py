@@ -86,8 +86,8 @@ error that raises an alarm in every cycle is the model's own."""
 HELD, FORMER, OLDER, NEWER = range(4)
 """Rows of `kept`; the first two have a place in `kept_root` too, the last two are kept while all is calm."""
 
-KEPT = 4
-"""Rows of `kept`."""
+KEPT = PRESENT = 4
+"""Rows of `kept`; in `Workspace.residual` the present model's place is behind them."""
 
 
 @dataclass(frozen=True)
@@ -174,9 +174,10 @@ def _forget(trial):  # type: ignore[no-untyped-def] # pragma: no cover - compile
 
 
 @njit(cache=True)
-def _keep_everywhere(hold, kept, theta, owed, errors, moments):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def _keep_everywhere(hold, kept, theta, owed, errors, moments, residual):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     for spare in (OLDER, NEWER):
         _keep(kept[spare], theta, owed, errors, moments)
+        residual[spare] = residual[PRESENT]
     hold[at.SUM] = hold[at.SLOW_SUM] = hold[at.SINCE_KEPT] = 0.0
 
 
@@ -220,7 +221,7 @@ def _count_reversals(hold, law, velocity):  # type: ignore[no-untyped-def] # pra
 
 
 @njit(cache=True, forceinline=True)
-def alarming(hold, kept, theta, owed, errors, moments, velocity, cell, error, open_variance, law):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def alarming(hold, kept, theta, owed, errors, moments, residual, velocity, cell, error, open_variance, law):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Take one error while nothing is held; return whether the alarm is raised.
 
     What is usual is what was usual when the model was kept: errors of the last samples must not make themselves usual.
@@ -228,7 +229,7 @@ def alarming(hold, kept, theta, owed, errors, moments, velocity, cell, error, op
     """
     _count_reversals(hold, law, velocity)
     if hold[at.CALM] == 0.0:
-        _keep_everywhere(hold, kept, theta, owed, errors, moments)
+        _keep_everywhere(hold, kept, theta, owed, errors, moments, residual)
     moments[at.TOLERANCE] -= (moments[at.TOLERANCE] - 1.0) / TOLERANCE_MEMORY
     variance = open_variance + _usual_errors(kept[OLDER], cell, theta, owed, errors)
     surprise = min(surprise_of(kept[OLDER], error, variance, moments, law), LARGEST)
@@ -247,15 +248,20 @@ def alarming(hold, kept, theta, owed, errors, moments, velocity, cell, error, op
         for i in range(kept.shape[1]):
             kept[OLDER, i] = kept[NEWER, i]
         _keep(kept[NEWER], theta, owed, errors, moments)
+        residual[OLDER] = residual[NEWER]
+        residual[NEWER] = residual[PRESENT]
     return False
 
 
 @njit(cache=True)
-def begin_hold(hold, kept, kept_root, trial, theta, owed, errors, moments, status, root, prior_root, mean, error):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def begin_hold(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    hold, kept, kept_root, trial, theta, owed, errors, moments, residual, status, root, prior_root, mean, error
+):
     """Hold the model that was kept before the alarm; what learns on is the challenger."""
     power = max(moments[at.ERROR_POWER], error * error)
     _take(kept[OLDER], theta, owed, errors, moments, np.bool_(True))  # a literal would be compiled apart
     _keep(kept[HELD], theta, owed, errors, moments)
+    residual[PRESENT] = residual[HELD] = residual[OLDER]
     _copy(root, kept_root[HELD])
     _copy(prior_root, root)
     for i in range(owed.size):
@@ -274,40 +280,43 @@ def begin_hold(hold, kept, kept_root, trial, theta, owed, errors, moments, statu
 
 
 @njit(cache=True)
-def _exchange(hold, kept, kept_root, trial):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def _exchange(hold, kept, kept_root, trial, residual):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Let the former model predict, and be judged in place of the held one."""
     for i in range(kept.shape[1]):
         kept[HELD, i], kept[FORMER, i] = kept[FORMER, i], kept[HELD, i]
     for i in range(kept_root.shape[1]):
         for j in range(kept_root.shape[2]):
             kept_root[HELD, i, j], kept_root[FORMER, i, j] = kept_root[FORMER, i, j], kept_root[HELD, i, j]
+    residual[HELD], residual[FORMER] = residual[FORMER], residual[HELD]
     _forget(trial)
     hold[at.HELD_RECENT], hold[at.FORMER_RECENT] = hold[at.FORMER_RECENT], LARGEST
     hold[at.JUDGED] = 0.0
 
 
 @njit(cache=True)
-def _resume(hold, kept, kept_root, theta, owed, errors, moments, status, root, calm):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def _resume(hold, kept, kept_root, theta, owed, errors, moments, residual, status, root, calm):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Go on learning from the held model; where it did not become `calm`, the errors of late are usual from now on."""
     tolerance = min(moments[at.TOLERANCE] * TOLERANCE_RISE, LARGEST_TOLERANCE)
     _take(kept[HELD], theta, owed, errors, moments, calm)
+    residual[PRESENT] = residual[HELD]  # of what has been learned: not of the samples since
     moments[at.TOLERANCE] = tolerance
     _copy(kept_root[HELD], root)
     status[at.FOLLOWS] = 0
     hold[at.HOLDING] = 0.0
     hold[at.RESTORED] += 1.0
-    _keep_everywhere(hold, kept, theta, owed, errors, moments)
+    _keep_everywhere(hold, kept, theta, owed, errors, moments, residual)
 
 
 @njit(cache=True)
-def _adopt(hold, kept, kept_root, theta, owed, errors, moments):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def _adopt(hold, kept, kept_root, theta, owed, errors, moments, residual):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """The challenger goes on; the held model is the former one."""
     for i in range(kept.shape[1]):
         kept[FORMER, i] = kept[HELD, i]
     _copy(kept_root[HELD], kept_root[FORMER])
+    residual[FORMER] = residual[HELD]
     hold[at.HAS_FORMER] = 1.0
     hold[at.HOLDING] = 0.0
-    _keep_everywhere(hold, kept, theta, owed, errors, moments)
+    _keep_everywhere(hold, kept, theta, owed, errors, moments, residual)
 
 
 @njit(cache=True)
@@ -320,6 +329,7 @@ def judge(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     owed,
     errors,
     moments,
+    residual,
     status,
     root,
     law,
@@ -349,7 +359,7 @@ def judge(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
         and hold[at.FORMER_RECENT] < BAD
         and (hold[at.FORMER_RECENT] < CLEARLY * hold[at.HELD_RECENT])
     ):
-        _exchange(hold, kept, kept_root, trial)
+        _exchange(hold, kept, kept_root, trial, residual)
         return
     if hold[at.JUDGED] < SOONEST or hold[at.JUDGED] % JUDGE_EVERY != 0.0:
         return
@@ -368,9 +378,9 @@ def judge(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
         reversals >= DECIDED_AFTER and total < RATHER * held_sum
     )
     if changed and not passed:
-        _adopt(hold, kept, kept_root, theta, owed, errors, moments)
+        _adopt(hold, kept, kept_root, theta, owed, errors, moments, residual)
     elif passed or reversals >= GIVEN_UP_AFTER:
-        _resume(hold, kept, kept_root, theta, owed, errors, moments, status, root, passed)
+        _resume(hold, kept, kept_root, theta, owed, errors, moments, residual, status, root, passed)
 
 
 @njit(cache=True)

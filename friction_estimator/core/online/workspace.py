@@ -56,7 +56,8 @@ class Workspace:
     mean : (n,), information, prior_root : (n, n), of the prior over the residual variance (rls), else empty.
     noise : (loads, 2), of each column of the load the noise in it that the covariance took for excitation, to be taken
         off again, and 1 where that was half of the column's own part or more: nothing is known of it (rls).
-    residual : (1,), mean square of the errors that a fit to the last samples would leave (rls).
+    residual : (models kept aside + 1,), mean square of the errors that a fit to the last samples would leave (rls), of
+        each of these models and, last, of the present one.
     owed : (n,), where the parameters stood over the prior's mean at the last alarm (rls), else (0,): a share
         `moments[OWED]` of it is still to be paid back.
     law : (7,), constants (see `adaptation.constants`).
