@@ -74,7 +74,7 @@ def test_the_bootstrap_covers_the_chance_maximum(noise: np.ndarray) -> None:
     for trial in range(60):
         machine = evidence(np.random.default_rng(100 + trial).standard_normal(N), noise[:, :2])
         moments = [machine.moments(columns[:, k : k + 1]) for k in range(60)]
-        null = null_maximum(machine, [machine.projected(m) for m in moments], [Rule((0,))] * 60, 300)
+        null = null_maximum(machine.flips(300), [machine.projected(m) for m in moments], [Rule((0,))] * 60)
         best = max(machine.fit(m, Rule((0,))).gain for m in moments)
         above += best > np.quantile(null, 0.9)
     assert above <= 13  # a tenth of 60 expected; 13 has a chance below 1 in 100

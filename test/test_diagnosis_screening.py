@@ -13,7 +13,7 @@ from friction_estimator.diagnosis.evidence import Evidence, Rule
 from friction_estimator.diagnosis.joint import Joint, JointFit
 from friction_estimator.diagnosis.library import build_library, columns_of
 from friction_estimator.diagnosis.record import Record, build_record
-from friction_estimator.diagnosis.screening import gate, screen
+from friction_estimator.diagnosis.screening import gate, screen, screening
 from friction_estimator.diagnosis.tangent import chosen_rows, normal_equations, piece_edges
 from friction_estimator.effects import EFFECTS, parse_effect
 from friction_estimator.effects.features import Context
@@ -44,7 +44,7 @@ def test_a_streamed_library_is_the_whole_one(fitted: Fitted, monkeypatch: pytest
     assert len(list(evidence.pieces())) > 4
     library = build_library(EFFECTS, model.features, model.reference, context, evidence)
     other = evidence.with_residual(np.cos(np.arange(record.used.size)))
-    streamed = library.products_with(other)
+    streamed = [xe for (xe,) in library.products_with(other, other.residual[:, None])]
     z = model.tangent[:] * record.used[:, None]
     edges = np.flatnonzero(np.diff(record.block, prepend=-1))
     assert len(library) > 300
@@ -101,8 +101,27 @@ def test_the_gate_lets_the_hidden_effect_through_and_no_chance(fitted: Fitted) -
     library = build_library(EFFECTS, model.features, model.reference, context, evidence)
     screened = screen(evidence, library)
     assert screened[0].name == "inertia"
-    null, wide = gate(record, model, library, screened, 0)
+    (null, wide), rounding = gate(record, model, library, screened, 0.0, 0)
     assert screened[0].gain > 10.0 * max(null.max(), wide.max())
+    assert set(rounding.values()) == {0.0}
+
+
+def test_what_rounding_makes_must_be_exceeded_and_what_exceeds_it_is_not_hidden(fitted: Fitted) -> None:
+    record, context, joint = fitted
+    step = 3.0 * float(np.std(joint.residual_N))
+    rounded = record.with_force(step * np.round(record.friction_N / step), record.used)
+    problem = BaseProblem(rounded, SEAL, Capacity(SPLINES, Config().fir.order))
+    model = JointFit(problem, context)()
+    evidence = model.evidence(rounded, 0)
+    library = build_library(EFFECTS, model.features, model.reference, context, evidence)
+    view = screening(rounded, model, evidence, library, 0.0, step, 0)
+    makes = view.rounding.values()
+    assert 0.0 < max(makes) < 0.5 * step**2 / 12.0 * evidence.samples
+    assert all(view.needed[name] >= 1.5 * made for name, made in view.rounding.items())
+    passing = [s.name for s in view.screened if s.gain > view.needed[s.name]]
+    assert passing[0] == "inertia"
+    # What the whole lattice makes is more than the effect does: it is no measure of what a cause must bring.
+    assert view.screened[0].gain < 2.0 * step**2 / 12.0 * evidence.samples
 
 
 def test_pieces_hold_whole_blocks() -> None:

@@ -65,6 +65,15 @@ def test_a_name_is_never_given_to_what_is_not_in_the_catalogue() -> None:
     assert result.remainder is not None
 
 
+def test_a_likeness_is_told_from_the_cause_by_what_it_leaves() -> None:
+    """Free shapes of the pressure follow a soft rail nearly: what is left goes with the force."""
+    without_rail = {name: cls for name, cls in EFFECTS.items() if name != "saturation"}
+    result = diagnose([record(["saturation:size=0.04,form=1"], plant="stribeck")], Config(), catalogue=without_rail)
+    assert names(result)
+    assert result.remainder is not None
+    assert result.remainder.variable == "force_N"
+
+
 def test_too_little_data_are_undecidable_whatever_they_show() -> None:
     samples = record(["dropout:size=0.04,length=7"])[:420]
     result = diagnose([samples], Config())
@@ -80,6 +89,14 @@ def test_a_fault_of_the_data_alone_is_a_finding_without_gain() -> None:
     assert result.effects == ()
     assert result.total_gain is None
     assert not is_offered(result)
+
+
+def test_a_coarse_lattice_does_not_hide_what_rounding_cannot_make() -> None:
+    alone = diagnose([record(["quantization:size=0.04"])], Config())
+    assert names(alone) == ["quantization"]
+    assert alone.unexplained_percent < 5.0
+    beside = diagnose([record(["velocity_delay:size=0.03", "quantization:size=0.04"])], Config())
+    assert names(beside) == ["quantization", "velocity_delay"]
 
 
 def test_a_fault_that_was_repaired_completely_is_a_note() -> None:

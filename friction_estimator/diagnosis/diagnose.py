@@ -75,14 +75,14 @@ def diagnose(
         return _undecidable(raw, config, context, excitation)
     record, context, found_faults = repaired(raw, config, context, catalogue)
     found_faults = [*faults, *found_faults]
-    coarse = max((f.conceals_N2 for f in found_faults), default=0.0)
+    lattice_N = max((f.lattice_N for f in found_faults), default=0.0)
     known = {f.name for f in found_faults}
-    found = Searcher(record, config, context, catalogue, seed, coarse, known)(progress)
+    found = Searcher(record, config, context, catalogue, seed, lattice_N, known)(progress)
     if late := concealed(found_faults, record, context, found.models[-1], catalogue):
         for fault in late:
             record = with_repair(record, config, fault)
         found_faults += late
-        found = Searcher(record, config, context, catalogue, seed, coarse, known | {f.name for f in late})(progress)
+        found = Searcher(record, config, context, catalogue, seed, lattice_N, known | {f.name for f in late})(progress)
     progress("measuring gains on held-out data", 0.75)
     spread = float(np.std(record.friction_N[record.used]))
     found, errors = _gaining(found, [held_out_errors(found.problem, context, m) for m in found.models], record, spread)
@@ -92,9 +92,10 @@ def diagnose(
     effects = _named(record, context, found, errors, spread, seed, trials, catalogue)
     progress("noise floor and remainder", 0.85)
     base_error, last_error = rms(errors[0], record), rms(errors[-1], record)
-    floor = min(noise_floor(record, final.residual_N), base_error)
+    floor = min(noise_floor(record, final.residual_N, lattice_N), base_error)
     found_faults += scattered(record, context, final, found_faults, catalogue)
-    remainder = None if coarse else unexplained(record, final, found, found_faults, seed)
+    concealed_by_one = any(f.conceals for f in found_faults)
+    remainder = None if concealed_by_one else unexplained(record, final, found, found_faults, seed)
     notes = [f"{f.name}: {f.evidence}" for f in found_faults if f.repaired == COMPLETELY]
     found_faults = [f for f in found_faults if f.repaired != COMPLETELY]
     left = max(0.0, last_error - floor)
@@ -205,7 +206,7 @@ MEMORY_WORDS = "one time stands in for the many taps with which the base model w
 def _traces(found: Search) -> tuple[Trace, ...]:
     """Return what passes the bootstrap but is too small for a finding."""
     total = max(float(found.last_evidence.ee.sum()), 1e-300)
-    small = [s for s in found.screened if found.thresholds[s.hypothesis.effect.many] < s.gain < found.least_N2]
+    small = [s for s in found.screened if found.gates[s.name] < s.gain < found.least_N2]
     return tuple(Trace(s.name, 100.0 * s.gain / total) for s in small[:MOST_TRACES])
 
 
@@ -245,7 +246,7 @@ def _detection_limits(found: Search) -> dict[str, float]:
         moments = item.hypothesis.moments
         inner, _ = evidence.projected(moments)
         shown = float(np.trace(inner)) / max(float(np.trace(moments.xx.sum(0))), 1e-300)
-        need = max(found.thresholds[item.hypothesis.effect.many], 1e-300)
+        need = max(found.gates[item.name], 1e-300)
         need = max(need, found.least_N2)
         out[item.name] = float(np.sqrt(need / evidence.samples / max(shown, 1e-9)))
     return out

@@ -246,17 +246,15 @@ def constrained(left: Floats, pull: Floats, energy: Floats, rule: Rule) -> tuple
     return weights, np.asarray(((2.0 * pull - taken) * weights).sum(axis=-1))
 
 
-def null_maximum(
-    evidence: Evidence, projections: Sequence[tuple[Floats, Floats]], rules: Sequence[Rule], count: int
-) -> Floats:
-    """Return the largest gain among hypotheses for each sign flip of the blocks, (count,), N^2.
+def null_maximum(signs: Floats, projections: Sequence[tuple[Floats, Floats]], rules: Sequence[Rule]) -> Floats:
+    """Return the largest gain among hypotheses for each choice of the blocks' signs, (count,), N^2.
 
     Parameters
     ----------
+    signs : (count, blocks), `Evidence.flips`, or ones for the gain of the residual itself.
     projections : `Evidence.projected` of each hypothesis, from the residual without the best candidates' share.
     """
-    signs = evidence.flips(count)
-    best = np.zeros(count)
+    best = np.zeros(signs.shape[0])
     for (left, pulls), rule in zip(projections, rules, strict=True):
         power = np.diag(left)
         if not power.size or not np.isfinite(left).all() or power.min() <= 0.0:

@@ -118,12 +118,15 @@ def incoherent(record: Record, residual_N: Floats) -> tuple[Floats, Ints]:
     return (residual_N[first] - residual_N[second]) / np.sqrt(2.0), first
 
 
-def noise_floor(record: Record, residual_N: Floats) -> float:
-    """Return the rms of the noise, N: of what does not repeat."""
+def noise_floor(record: Record, residual_N: Floats, lattice_N: float = 0.0) -> float:
+    """Return the rms of the noise, N: of what does not repeat, but no less than rounding to a lattice makes.
+
+    Where there is less noise than a step, rounding repeats with the drive.
+    """
     difference, _ = incoherent(record, residual_N)
     if difference.size < 50:
         return float(np.sqrt(np.mean(np.square(residual_N[record.used]))))
-    return float(np.sqrt(np.mean(np.square(difference))))
+    return max(float(np.sqrt(np.mean(np.square(difference)))), lattice_N / float(np.sqrt(12.0)))
 
 
 VARIABLES = (

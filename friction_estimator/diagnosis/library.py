@@ -81,16 +81,19 @@ class Library:
     def __len__(self) -> int:
         return sum(len(family.points) for family in self.families)
 
-    def products_with(self, evidence: Evidence) -> list[Floats]:
-        """Return X'e of each family with the residual of another evidence, (blocks, hypotheses, c) each."""
-        out = [np.empty_like(f.stack.xe) for f in self.families]
+    def products_with(self, evidence: Evidence, residuals: Floats) -> list[Floats]:
+        """Return X'e of each family with other residuals, (k, blocks, hypotheses, c) each.
+
+        `evidence` gives the pieces, `residuals` (n, k) are zero where samples are masked.
+        """
+        out = [np.empty((residuals.shape[1], *f.stack.xe.shape)) for f in self.families]
         machines = [Machines(f.effect, f.points) for f in self.families]
         for piece in evidence.pieces():
-            features, e = self.features[piece.part], piece.e[:, None]
+            features, e = self.features[piece.part], residuals[piece.part]
             for xe, made in zip(out, machines, strict=True):
                 for here, x in made(features, self.reference):
-                    # The residual is zero where samples are masked.
-                    xe[piece.blocks, here] = piece.by_block(x, e).reshape(piece.edges.size - 1, -1, xe.shape[-1])
+                    by_block = piece.by_block(x, e).reshape(piece.edges.size - 1, -1, xe.shape[-1], e.shape[1])
+                    xe[:, piece.blocks, here] = np.moveaxis(by_block, -1, 0)
         return out
 
 

@@ -11,19 +11,15 @@ from friction_estimator.diagnosis.floor import remainder_columns, variance_depen
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.screening import FLIPS, LEVEL
-from friction_estimator.diagnosis.search import Search
+from friction_estimator.diagnosis.search import LATER_SHARE, Search
 from friction_estimator.effects.base import EFFECTS
 from friction_estimator.effects.detection import Fault
 from friction_estimator.effects.scatter import local_scale
 from friction_estimator.effects.spectrum import spectral_lines
 
-PARTIAL = 0.10
-"""Share of the excess over the noise that must be left for the answer to be called partial."""
-
-NOTICEABLE = 0.20
-"""Or the share of what is left, noise included, that one variable must explain."""
-
 LEAST_SHARE = 0.003
+"""Share of the error power, noise included, that one variable must explain where no cause is named; beside causes it is
+what a further one would have to bring (`search.LATER_SHARE`)."""
 
 FAR = 4.8
 """Local standard deviations that count as far outside; white Gaussian noise has one in 600,000."""
@@ -80,7 +76,7 @@ def unexplained(
     groups = remainder_columns(record, joint.features.force_N)
     moments = {name: evidence.moments(columns) for name, columns in groups.items()}
     rules = {name: Rule((0,) * columns.shape[1]) for name, columns in groups.items()}
-    null = null_maximum(evidence, [evidence.projected(m) for m in moments.values()], list(rules.values()), FLIPS)
+    null = null_maximum(evidence.flips(FLIPS), [evidence.projected(m) for m in moments.values()], list(rules.values()))
     noise = float(evidence.ee.sum()) / evidence.samples
     gains = {n: float(evidence.cross_validated(m, rules[n]).sum()) for n, m in moments.items()}
     memory = _memory(joint.residual_N[record.used])
@@ -96,13 +92,12 @@ def unexplained(
     quantile = float(np.quantile(null, 1.0 - LEVEL))
     # The bootstrap keeps what the variable explains: its own share is taken out of the threshold.
     usual = (4.0 * moments[best].xe.shape[1] + 30.0) * noise * (memory if best in SLOW else 1.0)
-    threshold = max(min(quantile, usual), LEAST_SHARE * total)
-    noticeable = gains[best] > min(PARTIAL * (explained + gains[best]), NOTICEABLE * total)
-    if gains[best] > threshold and noticeable:
+    least = (LATER_SHARE if found.causes else LEAST_SHARE) * total
+    if gains[best] > max(min(quantile, usual), least):
         share = gains[best] / (explained + gains[best])
         return Remainder(best, share, "mean", _sentence(best, "the mean residual"))
     line = _line(record, joint)
-    if line is not None and line[1] > PARTIAL * (explained + line[1]) and line[1] > LEAST_SHARE * total:
+    if line is not None and line[1] > least:
         share = line[1] / (explained + line[1])
         words = f"a line at {line[0]:.4g} Hz is left, which no named cause explains"
         return Remainder(SPECTRUM, share, "mean", words, line[0])

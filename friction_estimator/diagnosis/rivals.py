@@ -61,7 +61,7 @@ def alike(evidence: Evidence, library: Library, part: Floats, least: float = 0.0
     library = replace(library, families=tuple(near))
     found: dict[str, Alike] = {}
     crossed = evidence.by_block(target.residual, evidence.residual)
-    for family, xp in zip(library.families, library.products_with(target), strict=True):
+    for family, (xp,) in zip(library.families, library.products_with(target, target.residual[:, None]), strict=True):
         stack = replace(family.stack, xe=xp)
         gains = target.gains(stack, family.rule)
         best = int(np.argmax(gains))

@@ -1,6 +1,6 @@
 """Linear screening of the library, and the gate that a gain must pass."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +19,9 @@ FLIPS = 400
 LEVEL = 0.01
 MARGIN = 1.5
 """Family-wise level, and times the bootstrap's quantile that the best held-out gain must exceed."""
+
+ORIGINS = 8
+"""Origins of a lattice for which the gains that rounding to it makes are worked out."""
 
 RIDGE = 1e-6
 """Share of their energy by which the gate's columns of unit rms are damped: they may be collinear."""
@@ -46,6 +49,7 @@ class View:
     ----------
     evidence, library : what was compared. screened : the best hypothesis of each effect, best first.
     nulls : the bootstrap's largest gains of ordinary and of wide hypotheses, (flips,) each, N^2.
+    rounding : for each effect the largest gain that rounding to the lattice of the force makes, N^2.
     least : gain that any cause must bring, N^2.
     """
 
@@ -53,6 +57,7 @@ class View:
     library: Library
     screened: tuple[Screened, ...]
     nulls: tuple[Floats, Floats]
+    rounding: Mapping[str, float]
     least: float
 
     @property
@@ -62,20 +67,31 @@ class View:
         return one, other
 
     @property
+    def gates(self) -> dict[str, float]:
+        """Gain of each effect that neither chance nor rounding makes, N^2."""
+        chance = self.thresholds
+        return {s.name: max(chance[s.hypothesis.effect.many], MARGIN * self.rounding[s.name]) for s in self.screened}
+
+    @property
     def needed(self) -> dict[str, float]:
         """Gain that each effect must exceed, N^2."""
-        thresholds = self.thresholds
-        return {s.name: max(thresholds[s.hypothesis.effect.many], self.least) for s in self.screened}
+        return {name: max(gain, self.least) for name, gain in self.gates.items()}
 
     def p_value(self, effect: type[Effect], gain: float) -> float:
         """Return the family-wise probability of such a gain by chance."""
         return min(1.0, 2.0 * float(1 + np.sum(self.nulls[effect.many] >= gain)) / (FLIPS + 1))
 
 
-def screening(record: Record, model: Joint, evidence: Evidence, library: Library, least: float, seed: int) -> View:
-    """Screen the library against what a model leaves, and find the gate."""
+def screening(
+    record: Record, model: Joint, evidence: Evidence, library: Library, least: float, lattice_N: float, seed: int
+) -> View:
+    """Screen the library against what a model leaves, and find the gate.
+
+    `lattice_N` is the distance of the values that the force can take, N, 0 where it can take any.
+    """
     screened = screen(evidence, library)
-    return View(evidence, library, tuple(screened), gate(record, model, library, screened, seed), least)
+    nulls, rounding = gate(record, model, library, screened, lattice_N, seed)
+    return View(evidence, library, tuple(screened), nulls, rounding, least)
 
 
 def screen(evidence: Evidence, library: Library) -> list[Screened]:
@@ -109,11 +125,13 @@ def _best(evidence: Evidence, families: Sequence[Family], rows: Bools | None) ->
     return families[first][int(np.argmax(gains[first]))]
 
 
-def gate(record: Record, joint: Joint, library: Library, best: Sequence[Screened], seed: int) -> tuple[Floats, Floats]:
-    """Return the bootstrap's largest gains, (flips,) for ordinary and for wide hypotheses, N^2.
+def gate(
+    record: Record, joint: Joint, library: Library, best: Sequence[Screened], lattice_N: float, seed: int
+) -> tuple[tuple[Floats, Floats], dict[str, float]]:
+    """Return the bootstrap's largest gains of ordinary and wide hypotheses, (flips,) each, and rounding's, N^2.
 
     The blocks' signs are flipped after the best candidates' share was taken out of the residual, or the threshold would
-    grow with the effect.
+    grow with the effect. Rounding of a force that repeats is the same in every block: flips say nothing of it.
     """
     shares = [
         columns_of(s.hypothesis.effect, s.params, library.features, library.reference)
@@ -130,12 +148,30 @@ def gate(record: Record, joint: Joint, library: Library, best: Sequence[Screened
             rows = np.concatenate([c[part] for c in shares], axis=1)
             residual[part] -= joint.tangent[part] @ weights[:place] + rows @ weights[place:]
     calm = Evidence(joint.tangent, joint.penalty, residual, record.used, record.block, seed)
+    rounded = [calm.with_residual(error) for error in rounding_errors(record.friction_N - residual, lattice_N, ORIGINS)]
+    found = library.products_with(calm, np.column_stack([m.residual for m in (calm, *rounded)]))
     groups: dict[bool, tuple[list[tuple[Floats, Floats]], list[Rule]]] = {False: ([], []), True: ([], [])}
-    for family, xe in zip(library.families, library.products_with(calm), strict=True):
+    rounding = dict.fromkeys((s.name for s in best), 0.0)
+    for family, xe in zip(library.families, found, strict=True):
         projections, rules = groups[family.effect.many]
-        projections += calm.projections(replace(family.stack, xe=xe))
+        projections += calm.projections(replace(family.stack, xe=xe[0]))
         rules += [family.rule] * len(family.points)
-    return (
-        null_maximum(calm, *groups[False], FLIPS),
-        null_maximum(calm, *groups[True], FLIPS),
-    )
+        for machine, pull in zip(rounded, xe[1:], strict=True):
+            gain = float(machine.gains(replace(family.stack, xe=pull), family.rule).max())
+            rounding[family.name] = max(rounding[family.name], gain)
+    flips = calm.flips(FLIPS)
+    return (null_maximum(flips, *groups[False]), null_maximum(flips, *groups[True])), rounding
+
+
+def rounding_errors(force_N: Floats, lattice_N: float, origins: int) -> list[Floats]:
+    """Return the errors of a force rounded to lattices of several origins, (n,) each, N; none without a lattice.
+
+    The origin is the sensor's: the model does not know it to a step.
+
+    >>> rounding_errors(np.array([0.0, 0.3]), 1.0, 2)
+    [array([-0.25,  0.45]), array([ 0.25, -0.05])]
+    """
+    if lattice_N == 0.0:
+        return []
+    shifts = lattice_N * ((np.arange(origins) + 0.5) / origins - 0.5)
+    return [lattice_N * np.round((force_N - shift) / lattice_N) + shift - force_N for shift in shifts]

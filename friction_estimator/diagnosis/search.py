@@ -109,14 +109,14 @@ class Search:
     ----------
     problem : the base model on the record. causes : in the order in which they were taken up.
     models : base alone, then with each cause added.
-    thresholds : gain that an effect had to exceed, N^2 (ordinary and wide hypotheses).
+    gates : by effect, the gain that neither chance nor rounding makes, N^2.
     warnings : in words. asked : effects that would have won but need a channel.
     """
 
     problem: BaseProblem
     causes: tuple[Cause, ...]
     models: tuple[Joint, ...]
-    thresholds: tuple[float, float]
+    gates: Mapping[str, float]
     warnings: tuple[str, ...]
     asked: tuple[str, ...]
     last_evidence: Evidence
@@ -137,7 +137,7 @@ class Searcher:
     Parameters
     ----------
     record : repaired. context : facts about it. catalogue : effects by name. seed : of folds and bootstrap.
-    coarse_N2 : error power that is known to be a lattice's: causes must bring more than that.
+    lattice_N : distance of the values that the force can take, N; causes must bring more than rounding to them does.
     known : effects that were found in the data already.
     """
 
@@ -148,11 +148,11 @@ class Searcher:
         context: Context,
         catalogue: Catalogue,
         seed: int,
-        coarse_N2: float = 0.0,
+        lattice_N: float = 0.0,
         known: Collection[str] = (),
     ) -> None:
         self.record, self.config, self.context, self.seed = record, config, context, seed
-        self.catalogue, self.coarse_N2, self.known = catalogue, coarse_N2, known
+        self.catalogue, self.lattice_N, self.known = catalogue, lattice_N, known
         self.samples = max(int(record.used.sum()), 1)
         self.ordered = bool(pressure_order(record))
         self._starts_with()
@@ -210,7 +210,7 @@ class Searcher:
             self.problem,
             tuple(cause.within(left) for cause in causes),
             tuple(m.joint for m in models),
-            view.thresholds,
+            view.gates,
             tuple(warnings),
             tuple(asked),
             view.evidence,
@@ -250,8 +250,10 @@ class Searcher:
             if self.ordered and any(t.effect.recorded for t in joint.terms):
                 out |= {n for n, cls in self.catalogue.items() if cls.acts == SLOW}
             library = build_library(self.catalogue, joint.features, joint.reference, self.context, evidence, out)
-            least = LEAST_SHARE * float(evidence.ee.sum()) + self.coarse_N2 * evidence.samples
-            self._views[id(model)] = screening(self.record, model.joint, evidence, library, least, self.seed)
+            least = LEAST_SHARE * float(evidence.ee.sum())
+            self._views[id(model)] = screening(
+                self.record, model.joint, evidence, library, least, self.lattice_N, self.seed
+            )
             self.fits.keep(model)
         return self._views[id(model)]
 
@@ -286,7 +288,7 @@ class Searcher:
 
     def _left(self, model: Model) -> float:
         """Return the held-out error power above the noise floor, summed, N^2."""
-        floor = noise_floor(self.record, model.joint.residual_N)
+        floor = noise_floor(self.record, model.joint.residual_N, self.lattice_N)
         return max(0.0, float(model.loss.sum()) - self.samples * floor**2)
 
     def _passing(self, model: Model, view: View, out: Collection[str]) -> list[Screened]:

@@ -38,7 +38,8 @@ class Fault:
     velocity_m_s, position_m, pressure_Pa : (n,) repaired channel (the pressure absolute, as recorded), or None.
     offset_N : to be taken off the force, N: the shift of a lattice that cuts off instead of rounding.
     power_N2 : power of the error that it makes, N^2; 0 where it makes none in the force.
-    conceals_N2 : error power below which nothing can be told from this fault, N^2; 0 where it conceals nothing.
+    lattice_N : distance of the values that the force can take, N; 0 where it can take any.
+    conceals : whether most of the error is its own, so that spikes and scatter cannot be told from it.
     """
 
     name: str
@@ -52,7 +53,8 @@ class Fault:
     pressure_Pa: Floats | None = None
     offset_N: float = 0.0
     power_N2: float = 0.0
-    conceals_N2: float = 0.0
+    lattice_N: float = 0.0
+    conceals: bool = False
 
 
 @dataclass(frozen=True)

@@ -361,7 +361,7 @@ class StickSlip(Effect):
     def detect(cls, view: DataView) -> Fault | None:
         """Test whether what does not repeat from cycle to cycle is larger after reversals."""
         others = {fault.name for fault in view.found}
-        if others & set(cls.words.confused_with) or any(fault.conceals_N2 for fault in view.found):
+        if others & set(cls.words.confused_with) or any(fault.conceals for fault in view.found):
             return None
         burst = find_burst(view)
         if burst is None or view.residual_N is None:

@@ -23,8 +23,11 @@ ROUNDING = 1e-12
 
 FEWEST_TIES, FEWEST_RUNS = 8, 4
 
+MOST_REPEATS = 0.3
+"""Share of samples that repeat the one before them beyond which a lattice is coarse against the noise."""
+
 COARSE = 0.5
-"""Share of the error power beyond which a lattice conceals causes that make less."""
+"""Share of the error power beyond which a lattice conceals spikes and scatter."""
 
 CUT = 1.0 / 6.0
 """Of a step: as near as that to half a step the mean error is the lattice's that cuts off instead of rounding."""
@@ -150,9 +153,15 @@ class Saturation(Effect):
 
     @classmethod
     def detect(cls, view: DataView) -> Fault | None:
-        """Find values piled up at the largest force while the shaft moves: far more than at the levels below."""
+        """Find values piled up at the largest force while the shaft moves: far more than at the levels below.
+
+        Where the steps of a lattice are so coarse that values repeat, as many as that lie on each flat part of the
+        curve, and more on one level than on the next tells nothing.
+        """
         force = view.force_N
         on = view.used & moving(view)
+        if view.lattice_N and float(np.mean(np.diff(force)[on[1:]] == 0.0)) > MOST_REPEATS:
+            return None
         for sign in (1.0, -1.0):
             side = sign * force[on]
             level = float(side.max()) if side.size else 0.0
@@ -248,7 +257,8 @@ class Quantization(Effect):
             NOT_REPAIRED,
             offset_N=float(np.sign(bias)) * 0.5 * step if cut else 0.0,
             power_N2=power,
-            conceals_N2=power if power > COARSE * error else 0.0,
+            lattice_N=step,
+            conceals=power > COARSE * error,
         )
 
 

@@ -176,7 +176,7 @@ class Outliers(Effect):
         long, makes as much.
         """
         residual, used = view.residual_N, view.used
-        if residual is None or any(fault.conceals_N2 for fault in view.found):
+        if residual is None or any(fault.conceals for fault in view.found):
             return None
         usual = MAD * float(np.median(np.abs(residual[used]))) + 1e-300
         calm = np.clip(residual, -2.5 * usual, 2.5 * usual)
