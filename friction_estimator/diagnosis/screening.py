@@ -23,6 +23,10 @@ MARGIN = 1.5
 ORIGINS = 8
 """Origins of a lattice for which the gains that rounding to it makes are worked out."""
 
+ROUNDING_MARGIN = 3.0
+"""Times the largest of these that a gain must exceed: what rounding makes hangs on the noise and on the curve's own
+error, too. In records of a lattice alone it was up to 2.1 of them."""
+
 RIDGE = 1e-6
 """Share of their energy by which the gate's columns of unit rms are damped: they may be collinear."""
 
@@ -70,7 +74,10 @@ class View:
     def gates(self) -> dict[str, float]:
         """Gain of each effect that neither chance nor rounding makes, N^2."""
         chance = self.thresholds
-        return {s.name: max(chance[s.hypothesis.effect.many], MARGIN * self.rounding[s.name]) for s in self.screened}
+        return {
+            s.name: max(chance[s.hypothesis.effect.many], ROUNDING_MARGIN * self.rounding[s.name])
+            for s in self.screened
+        }
 
     @property
     def needed(self) -> dict[str, float]:

@@ -250,7 +250,8 @@ class Searcher:
             if self.ordered and any(t.effect.recorded for t in joint.terms):
                 out |= {n for n, cls in self.catalogue.items() if cls.acts == SLOW}
             library = build_library(self.catalogue, joint.features, joint.reference, self.context, evidence, out)
-            least = LEAST_SHARE * float(evidence.ee.sum())
+            # What a lattice leaves is no noise either.
+            least = (LATER_SHARE if self.lattice_N else LEAST_SHARE) * float(evidence.ee.sum())
             self._views[id(model)] = screening(
                 self.record, model.joint, evidence, library, least, self.lattice_N, self.seed
             )
