@@ -6,11 +6,11 @@ from diagnosis_records import abba
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import BaseProblem
-from friction_estimator.diagnosis.joint import JointFit
+from friction_estimator.diagnosis.joint import JointFit, cross_validated_loss
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import build_record
 from friction_estimator.effects import EFFECTS, parse_effect
-from friction_estimator.rig.simulate import Scenario, simulate
+from friction_estimator.rig.simulate import Scenario, Simulation, simulate
 
 SEAL = Config.from_mapping({"theory.kind": "seal"})
 
@@ -60,6 +60,31 @@ def test_a_fixed_point_that_runs_away_ends_at_its_best_round() -> None:
     rail = Term(EFFECTS["saturation"], {"level": run.effects[0].values["level"], "soft": 0.0})
     beside = fit([*without.terms, rail], without.base.coefficients, search=False)
     assert beside.base.coefficients.cost < without.base.coefficients.cost
+
+
+def test_a_gap_is_found_although_the_base_has_bent_towards_it() -> None:
+    """Beside the plateau that the search finds the gap is one sample shorter: there the fit leaves the noise."""
+    run, fit = fitted_to("backlash:gap=1e-5,form=1", "stribeck")
+    found = fit([Term(EFFECTS["backlash"], {"gap": 1.2e-5, "soft": 1.0})], fit().base.coefficients)
+    assert found.terms[0].params["gap"] == pytest.approx(1e-5, rel=0.05)
+    assert np.std(found.residual_N) < 1.05 * run.noise_N.std()
+
+
+def test_what_lies_beyond_a_bracket_is_no_gain() -> None:
+    """A gap wants the force ahead: a delay stands at the end of its bracket, and less than that it cannot be."""
+    _, fit = fitted_to("backlash:gap=1e-5,form=1", "stribeck")
+    alone = fit()
+    late = fit([Term(EFFECTS["time_delay"], {"delay": 0.005})], alone.base.coefficients)
+    losses = [cross_validated_loss(joint, fit._record, 0).sum() for joint in (alone, late)]
+    assert losses[1] > 0.98 * losses[0]
+    assert late.at_end.any()
+
+
+def fitted_to(hidden: str, plant: str) -> tuple[Simulation, JointFit]:
+    """Return a recording with an effect hidden, and what fits to it."""
+    run = simulate(Scenario(abba(), plant, 200.0, 0.01, 3, (parse_effect(hidden),)))
+    data = build_record([run.samples], SEAL)
+    return run, JointFit(BaseProblem(data, SEAL), data.context(SEAL, float(np.abs(data.friction_N).max())))
 
 
 def test_a_filter_of_two_poles_has_their_time() -> None:

@@ -30,10 +30,11 @@ def parameter_covariance(joint: Joint, record: Record, seed: int) -> Floats:
     """Return the covariance of the tangent's coefficients in the parameters' own units, (q, q).
 
     Sandwich over blocks: H^-1 (sum_b s_b s_b') H^-1 with s_b = X_b' e_b, B / (B - 1), so that neither coloured
-    nor uneven noise makes the intervals too narrow.
+    nor uneven noise makes the intervals too narrow. A parameter held at an end of its bracket is as uncertain as a free
+    one.
     """
     evidence = joint.evidence(record, seed)
-    hessian = evidence.zz.sum(0) + np.diag(joint.penalty)
+    hessian = evidence.zz.sum(0) + np.diag(np.where(joint.at_end, 0.0, joint.penalty))
     hessian = hessian + np.diag(1e-10 * np.maximum(np.diag(hessian), 1e-300))
     scores = evidence.ze - evidence.ze.mean(axis=0)
     inverse = np.linalg.inv(hessian)

@@ -11,10 +11,10 @@ from friction_estimator.diagnosis.base_problem import BaseProblem, Coefficients
 from friction_estimator.diagnosis.evidence import Evidence
 from friction_estimator.diagnosis.lagged import Extra
 from friction_estimator.diagnosis.library import with_running_force
-from friction_estimator.diagnosis.own_columns import OwnColumns, Term, before
+from friction_estimator.diagnosis.own_columns import OwnColumns, Term, before, largest_change, weighted
 from friction_estimator.diagnosis.products import inner
 from friction_estimator.diagnosis.record import Record
-from friction_estimator.diagnosis.seek import best_time, over_bends, over_jumps
+from friction_estimator.diagnosis.seek import at_end, beside, best_time, downhill, over_bends, over_jumps
 from friction_estimator.diagnosis.tangent import Tangent, chosen_rows, normal_equations
 from friction_estimator.diagnosis.term_columns import TermColumns
 from friction_estimator.effects.compose import FINE
@@ -31,6 +31,9 @@ falls by a tenth a round where a parameter moves by a thousandth of its bracket.
 RISES, RUN_AWAY = 4, 1.01
 """Rounds in a row without a lower cost after which a joint fit ends, and the cost over the lowest one from which that
 round is taken instead: a fixed point may run away."""
+
+MOST = 0.5
+"""Share of the error power without an effect below which it explains most."""
 
 DAMPINGS = (1.0, 0.5, 0.25, 0.1)
 """Shares of a Gauss-Newton step of the refined parameters that are tried, the first that descends is taken."""
@@ -59,6 +62,7 @@ class Joint:
     parts_N : one (n,) array for each term: its force.
     residual_N : (n,). tangent : (n, q), of the whole model. penalty : (q,).
     scales : (q,), what a unit of each tangent coefficient is in the parameter's own unit.
+    at_end : (q,) bool, coefficients of parameters that stand at an end of their bracket and are held there.
     """
 
     base: BaseFit
@@ -70,6 +74,7 @@ class Joint:
     tangent: Tangent
     penalty: Floats
     scales: Floats
+    at_end: Bools
 
     def evidence(self, record: Record, seed: int) -> Evidence:
         """Return the evidence machine for what this model leaves."""
@@ -105,10 +110,41 @@ class JointFit:
         terms : effects with their parameters to start from. start : an earlier fit of the base alone or with others.
         rounds : most rounds. search : look for the last term's refined parameters over their whole bracket first.
         """
-        terms = list(terms)
         base = start if start is not None else self._problem.fit(rows=self._rows)
         if not terms:
-            return self._finished(base, (), *self._reference(base, terms))
+            return self._finished(base, (), *self._reference(base, terms), ())
+        found = self._fit(list(terms), base, rounds, search)
+        last = terms[-1].effect
+        steps = [name for name in last.refined if name in last.steps and last.fixed_gain]
+        return self._walked(found, terms, steps[0], base, rounds) if search and steps else found
+
+    def _walked(self, found: Joint, terms: Sequence[Term], name: str, base: Coefficients, rounds: int) -> Joint:
+        """Return the fit on the best plateau of a jumping parameter, from the one that a search has put it on.
+
+        The search sees a base that has bent towards the effect: the plateau beside the true one may look better. A walk
+        is worth its fits where most is explained, and where the error is larger than without the effect.
+        """
+        reference, features = self._reference(base, terms)
+
+        def trial(params: Mapping[str, float], at: float) -> list[Term]:
+            return [*terms[:-1], replace(terms[-1], params={**params, name: at})]
+
+        def neighbours(here: Joint) -> list[Joint]:
+            params = here.terms[-1].params
+
+            def columns(at: float) -> Floats:
+                return self._columns.one(trial(params, at), len(terms) - 1, reference, features)
+
+            if MOST * base.power < here.base.coefficients.power < base.power:
+                return []
+            known, (low, high) = columns(params[name]), terms[-1].effect.bracket(name, params[name], self._context)
+            places = beside(lambda at: np.array_equal(columns(at), known), params[name], low, high)
+            return [self._fit(trial(params, at), base, rounds, search=False) for at in places]
+
+        return downhill(found, neighbours, lambda joint: joint.base.coefficients.cost)
+
+    def _fit(self, terms: list[Term], base: Coefficients, rounds: int, search: bool) -> Joint:
+        """Fit terms from where they are, or from where a search has put the last one."""
         reference, features = self._reference(base, terms)
         if search and terms[-1].effect.refined:
             looked = self._scanned if self._base.changed_by(terms[-1]) else self._searched
@@ -125,11 +161,11 @@ class JointFit:
             last = base, terms, reference, features, self._columns.forces
             best, since = (last, 0) if best is None or base.cost < best[0].cost else (best, since + 1)
             still = abs(base.cost - cost) < SETTLED_COST * cost
-            if since == RISES or (still and _largest_change(before, terms, anchors) < SETTLED):
+            if since == RISES or (still and largest_change(before, terms, anchors) < SETTLED):
                 break
         if best is not None and base.cost > RUN_AWAY * best[0].cost:
             base, terms, reference, features, self._columns.forces = best
-        return self._finished(base, terms, reference, features)
+        return self._finished(base, terms, reference, features, anchors)
 
     def _reference(self, base: Coefficients, terms: Sequence[Term]) -> tuple[Reference, Features]:
         record = self._record
@@ -301,8 +337,19 @@ class JointFit:
         moved = self._columns.one(trial, i, reference, features)
         return np.asarray((moved - column) @ term.weights / step)
 
-    def _finished(self, base: Coefficients, terms: Sequence[Term], reference: Reference, features: Features) -> Joint:
-        """Assemble the result with the tangent of the whole model."""
+    def _finished(
+        self,
+        base: Coefficients,
+        terms: Sequence[Term],
+        reference: Reference,
+        features: Features,
+        anchors: Sequence[Mapping[str, tuple[float, float]]],
+    ) -> Joint:
+        """Assemble the result with the tangent of the whole model.
+
+        A parameter that stands at an end of the bracket in which it was sought is held there. The fit would go on
+        beyond it: what a step there saves, linearly, is nothing that the model can do.
+        """
         record = self._record
         fit = BaseFit.of(self._base(terms), base)
         columns = self._columns(terms, reference, features)
@@ -315,14 +362,12 @@ class JointFit:
                 residual = residual - parts[-1]
         beside, scales = list[Floats](), [np.ones(fit.tangent.shape[1])]
         held: list[Floats] = []
+        ended = [np.zeros(fit.tangent.shape[1], np.bool_)]
         usual = LEAST_SLOPE * self._problem.scale
         for i, (term, column) in enumerate(zip(terms, columns, strict=True)):
             slopes = [] if term.effect.fixed_gain else [column]
-            slopes += [
-                self._slope(terms, i, name, column, fit, features, reference)[:, None]
-                for name in term.effect.refined
-                if term.params[name] != 0.0
-            ]
+            refined = [name for name in term.effect.refined if term.params[name] != 0.0]
+            slopes += [self._slope(terms, i, n, column, fit, features, reference)[:, None] for n in refined]
             if not slopes:
                 continue
             block = np.column_stack(slopes)
@@ -331,7 +376,9 @@ class JointFit:
             # A parameter that changes nothing here (a step between two samples) is held where it is.
             beside.append(np.where(shown, block / np.where(shown, norm, 1.0), 0.0))
             scales.append(np.where(shown, 1.0 / np.where(shown, norm, 1.0), 0.0))
-            held.append(np.where(shown, 0.0, HELD))
+            ends = [False] * (norm.size - len(refined)) + [at_end(term.params[n], *anchors[i][n]) for n in refined]
+            ended.append(shown & ends)
+            held.append(np.where(shown & ~ended[-1], 0.0, HELD))
         penalty = np.concatenate([fit.penalty, *held])
         tangent = fit.tangent.beside_it(beside)
         # What is screened beside this model acts on the whole force before the sensor.
@@ -339,33 +386,8 @@ class JointFit:
             p for p, t in zip(parts, terms, strict=True) if not self._base.changed_by(t) and t.effect.stage in FINE
         ]
         features = features.with_force(fit.fitted_N + sum(inside))
-        return Joint(
-            fit, tuple(terms), reference, features, tuple(parts), residual, tangent, penalty, np.concatenate(scales)
-        )
-
-
-def weighted(terms: Sequence[Term], columns: Sequence[Floats], weights: Floats) -> list[Term]:
-    """Hand the fitted coefficients out to the terms; those of fixed gain have coefficient one."""
-    place, out = 0, []
-    for term, column in zip(terms, columns, strict=True):
-        if term.effect.fixed_gain:
-            out.append(replace(term, weights=np.ones(1)))
-        else:
-            out.append(replace(term, weights=weights[place : place + column.shape[1]]))
-            place += column.shape[1]
-    return out
-
-
-def _largest_change(
-    before: Sequence[Term], terms: Sequence[Term], anchors: Sequence[Mapping[str, tuple[float, float]]]
-) -> float:
-    """Return the largest change of a refined parameter, over its bracket, or of a term's coefficients."""
-    steps = []
-    for old, new, bracket in zip(before, terms, anchors, strict=True):
-        steps += [abs(new.params[n] - old.params[n]) / max(high - low, 1e-300) for n, (low, high) in bracket.items()]
-        size = float(np.linalg.norm(new.weights)) or 1.0
-        steps.append(float(np.linalg.norm(new.weights - old.weights)) / size)
-    return max(steps, default=0.0)
+        steps, at_ends = np.concatenate(scales), np.concatenate(ended)
+        return Joint(fit, tuple(terms), reference, features, tuple(parts), residual, tangent, penalty, steps, at_ends)
 
 
 def cross_validated_loss(joint: Joint, record: Record, seed: int) -> Floats:

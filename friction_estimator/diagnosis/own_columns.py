@@ -5,7 +5,7 @@ the film's column would be made from the theory's gain of the fit before it: a f
 settle, while the lag, fitted beside a wrong gain, hardly moves (decision 0132).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -49,6 +49,30 @@ def time_of(terms: Sequence[Term]) -> Term | None:
 def film_of(terms: Sequence[Term]) -> Term | None:
     """Return the film that lags among some terms."""
     return next((t for t in terms if t.effect.in_theory), None)
+
+
+def weighted(terms: Sequence[Term], columns: Sequence[Floats], weights: Floats) -> list[Term]:
+    """Hand the fitted coefficients out to the terms; those of fixed gain have coefficient one."""
+    place, out = 0, []
+    for term, column in zip(terms, columns, strict=True):
+        if term.effect.fixed_gain:
+            out.append(replace(term, weights=np.ones(1)))
+        else:
+            out.append(replace(term, weights=weights[place : place + column.shape[1]]))
+            place += column.shape[1]
+    return out
+
+
+def largest_change(
+    before: Sequence[Term], terms: Sequence[Term], anchors: Sequence[Mapping[str, tuple[float, float]]]
+) -> float:
+    """Return the largest change of a refined parameter, over its bracket, or of a term's coefficients."""
+    steps = []
+    for old, new, bracket in zip(before, terms, anchors, strict=True):
+        steps += [abs(new.params[n] - old.params[n]) / max(high - low, 1e-300) for n, (low, high) in bracket.items()]
+        size = float(np.linalg.norm(new.weights)) or 1.0
+        steps.append(float(np.linalg.norm(new.weights - old.weights)) / size)
+    return max(steps, default=0.0)
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Where a parameter is best: over a bracket, over jumps, and over the comb of minima of a time of the whole force."""
 
 from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -11,6 +12,12 @@ EVALUATIONS, TOLERANCE = 14, 1e-4
 """Most evaluations over a bracket, and the share of its logarithm at which they end."""
 
 ZOOM_POINTS, ZOOM_LEVELS = 13, 3
+
+HALVINGS = 12
+"""Halvings that find the edge of a plateau."""
+
+BEYOND = 0.25
+"""Share of a plateau's width by which the place on the next one lies beyond the edge."""
 
 SCAN_EVALUATIONS, SCAN_TOLERANCE = 8, 1e-3
 """The same between two times of a scan, where the tolerance is absolute."""
@@ -30,7 +37,14 @@ NEIGHBOURS = (-1.0, -0.75, -0.5, -0.25, 0.25, 0.5, 0.75)
 LEFT_OVER = 0.8
 """Mean delay of the memory left, in samples, from which a sample more is tried."""
 
+WALKED = 4
+"""Most steps of a walk over plateaus."""
+
+AT_END = 1e-9
+"""Share of a bracket within which a value stands at its end."""
+
 Cost = Callable[[float], float]
+Fit = TypeVar("Fit")
 
 
 def over_bends(cost: Cost, low: float, high: float) -> float:
@@ -51,6 +65,48 @@ def over_jumps(cost: Cost, low: float, high: float) -> float:
         reach = (high - low) / (ZOOM_POINTS - 1)
         low, high = max(low, points[first] - reach), min(high, points[last] + reach)
     return best
+
+
+def beside(same: Callable[[float], bool], place: float, low: float, high: float) -> list[float]:
+    """Return a place on each of the two plateaus beside that of a place, within bounds.
+
+    `same` says of another place whether it lies on the same plateau.
+
+    >>> [round(v, 2) for v in beside(lambda v: int(v) == 3, 3.2, 0.0, 10.0)]
+    [2.75, 4.25]
+    """
+    edges = []
+    for end in (low, high):
+        inside, outside = place, end
+        for _ in range(HALVINGS):
+            middle = 0.5 * (inside + outside)
+            inside, outside = (middle, outside) if same(middle) else (inside, middle)
+        edges.append(outside)
+    reach = BEYOND * (edges[1] - edges[0])
+    return [value for value in (edges[0] - reach, edges[1] + reach) if low < value < high]
+
+
+def at_end(value: float, low: float, high: float) -> bool:
+    """Return whether a value stands at an end of its bracket.
+
+    >>> at_end(0.5, 0.5, 2.0), at_end(0.6, 0.5, 2.0)
+    (True, False)
+    """
+    return min(value - low, high - value) <= AT_END * (high - low)
+
+
+def downhill(found: Fit, neighbours: Callable[[Fit], list[Fit]], cost: Callable[[Fit], float]) -> Fit:
+    """Return the fit from which no neighbour costs less, at most `WALKED` steps from the first one.
+
+    >>> downhill(0, lambda at: [at - 1, at + 1], lambda at: abs(at - 3.0))
+    3
+    """
+    for _ in range(WALKED):
+        best = min([found, *neighbours(found)], key=cost)
+        if best is found:
+            break
+        found = best
+    return found
 
 
 def best_time(

@@ -232,6 +232,10 @@ class Presliding(Effect):
     refined = ("length",)
 
 
+SOFT_CLOSING = np.linspace(0.9, 1.0, 5)
+"""Shares of the gap at which parts of what rubs are taken along where it closes softly."""
+
+
 @effect
 class Backlash(Effect):
     """Play between the drive and what rubs, which stands until the play is used up.
@@ -271,7 +275,7 @@ class Backlash(Effect):
         gap, drag = self["gap"], self["drag"]
         if gap <= 0.0:
             return trace
-        parts = np.linspace(0.9, 1.0, 5) if self["form"] >= 0.5 else np.array([1.0])
+        parts = SOFT_CLOSING if self["form"] >= 0.5 else np.array([1.0])
         open_ = np.zeros(step.size)
         for part in parts:
             out = np.empty(step.size)
@@ -292,14 +296,21 @@ class Backlash(Effect):
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
-        """Return -F 1(d_rev < gap)."""
+        """Return -F 1(d_rev < gap), or the mean of several such where the gap closes softly."""
+        parts = SOFT_CLOSING if params.get("soft", 0.0) >= 0.5 else np.array([1.0])
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
-            out = np.empty(f.size)
-            play(f.step_s, f.previous_m_s, f.velocity_m_s, params["gap"], s, out)
-            return -out * f.force_N
+            out = np.empty((parts.size, f.size))
+            for i, part in enumerate(parts):
+                play(f.step_s, f.previous_m_s, f.velocity_m_s, part * params["gap"], s[2 * i : 2 * i + 2], out[i])
+            return np.asarray(-out.mean(axis=0) * f.force_N)
 
-        return Columns(compute, state=2, of_force=True)
+        return Columns(compute, state=2 * parts.size, of_force=True)
+
+    @classmethod
+    def variants(cls, params: Params) -> list[dict[str, float]]:
+        """A gap that closes softly: a sample within its last tenth has a part of the force."""
+        return [dict(params) | {"soft": 1.0}]
 
     signs = (1,)
     fixed_gain = True
