@@ -254,6 +254,23 @@ def test_what_is_sharp_at_reversals_is_no_stick_slip(hidden: str, seed: int) -> 
     assert scatter(run(hidden, seed=seed, noise=0.003, segments=(segment(1.0137, 50.0, 30.0),)).samples) is None
 
 
+def test_an_error_after_reversals_that_repeats_for_the_most_part_is_no_stick_slip() -> None:
+    """A sharp error of the model, sampled at other phases, differs by a share of its size from cycle to cycle."""
+    record = build_record([run().samples], SEAL)
+    seen = view_of(record, record.context(SEAL, float(np.abs(record.friction_N).max())), [])
+    rng = np.random.default_rng(5)
+    varies = rng.standard_normal(record.turns.size + 1)[np.searchsorted(record.turns, np.arange(record.used.size))]
+    since = np.where(np.isfinite(seen.features.since_reversal_s), seen.features.since_reversal_s, 1e9)
+    decays, noise = np.exp(-since / 0.03), 0.05 * rng.standard_normal(since.size)
+
+    def burst(repeats: float) -> Fault | None:
+        left = noise + (repeats + 0.4 * varies) * decays
+        return EFFECTS["stick_slip"].detect(replace(seen, residual_N=left, pairs=pairs(record)))
+
+    assert burst(0.0) is not None
+    assert burst(1.0) is None
+
+
 @pytest.mark.parametrize("hidden", [(), ("breakaway:size=0.04",), ("time_delay:delay=0.003",)])
 def test_a_record_that_repeats_exactly_has_no_stick_slip(hidden: tuple[str, ...]) -> None:
     assert scatter(run(*hidden, noise=0.0).samples) is None

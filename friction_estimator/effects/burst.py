@@ -31,6 +31,10 @@ MEDIAN_POWER = 0.4549
 REPEATS = 1e-6
 """Of the force's rms: what differs by less repeats exactly."""
 
+COHERENT = 0.5
+"""Share of what is left after reversals, above the noise, that must not repeat. A sharp error of the model that repeats
+makes differences, too, since cycles are sampled at other phases."""
+
 LATE = 4.0
 """The scatter must be raised beyond this many times the stretch that is left out as well, or at this share of a decay:
 what is in the first samples only is the sampling."""
@@ -56,8 +60,8 @@ class Burst:
     likelihood_ratio: float
 
 
-def differences(view: DataView) -> tuple[Floats, Floats, Ints] | None:
-    """Return differences of paired residuals over sqrt 2, time since the reversal, and block, (m,) each.
+def differences(view: DataView) -> tuple[Floats, Floats, Ints, Floats] | None:
+    """Return differences of paired residuals over sqrt 2, time since the reversal, block, and the residuals, (m,) each.
 
     The second of a pair is taken at the first one's time since the reversal, on the straight line between samples.
     """
@@ -79,7 +83,7 @@ def differences(view: DataView) -> tuple[Floats, Floats, Ints] | None:
     # A point between two samples has less noise than one on a sample, by (1 - s)^2 + s^2: even it out.
     share = np.abs(shift)
     evened = np.sqrt(1.0 + np.square(1.0 - share) + np.square(share))
-    return (residual[first] - moved) / evened, since[first], view.block[first]
+    return (residual[first] - moved) / evened, since[first], view.block[first], residual[first]
 
 
 def _whole(used: Bools, index: Ints) -> Bools:
@@ -91,7 +95,7 @@ def find_burst(view: DataView) -> Burst | None:
     found = differences(view)
     if found is None:
         return None
-    difference, since, block = found
+    difference, since, block, residual = found
     power = np.square(difference)
     if float(np.median(power)) < (REPEATS * view.context.force_rms_N) ** 2:
         return None
@@ -106,11 +110,20 @@ def find_burst(view: DataView) -> Burst | None:
     if best is None:
         return None
     decay, t_value, count = best
+    if _incoherent_share(difference, residual, np.exp(-2.0 * since / decay)) < COHERENT:
+        return None
     late = since > min(LATE * LEFT_OUT * view.context.step_s, 0.5 * decay)
     slope, error, several = _mean_slope(np.exp(-2.0 * since[late] / decay), capped[late], block[late])
     later = slope / max(error, 1e-300) if several >= FEWEST_BLOCKS else 0.0
     p_values = [float(stdtr(count - 1, -t_value)), float(stdtr(max(several, 2) - 1, -later))]
     return _burst_of(since, power, min(1.0, len(DECAYS_S) * max(p_values)))
+
+
+def _incoherent_share(difference: Floats, residual: Floats, weight: Floats) -> float:
+    """Return the power of the differences over that of the residuals, both above the usual one, by these weights."""
+    usual = float(np.median(np.square(difference))) / MEDIAN_POWER
+    differs, left = (float(weight @ (np.square(values) - usual)) for values in (difference, residual))
+    return differs / left if left > 0.0 else 1.0
 
 
 def _mean_slope(shape: Floats, power: Floats, block: Ints) -> tuple[float, float, int]:
