@@ -185,18 +185,13 @@ def test_what_takes_long_is_made_before_the_range_grows(monkeypatch):
     def late(*_: object, **__: object) -> None:
         raise AssertionError("made when it was needed")
 
-    for name in (
-        "grown_model",
-        "Prior.of",
-        "prior_arrays",
-        "cho_factor",
-        "cho_solve",
-        "_add_squares",
-        "_add_missing",
-        "placed_zeros",
-        "constants",
-    ):
-        monkeypatch.setattr(f"friction_estimator.core.online.growth.{name}", late)
+    made_ahead = {
+        "growth": ("grown_model", "Prior.of", "prior_arrays", "placed_zeros", "constants"),
+        "carried_curve": ("cho_factor", "cho_solve", "_add_squares", "_add_missing"),
+    }
+    for module, names in made_ahead.items():
+        for name in names:
+            monkeypatch.setattr(f"friction_estimator.core.online.{module}.{name}", late)
     assert estimator.health.grown == 0
     estimator.run(beyond(1, 0.02))
     assert estimator.health.grown == 1

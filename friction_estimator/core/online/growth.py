@@ -6,19 +6,16 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 
-from friction_estimator.compiled import njit
 from friction_estimator.core.addresses import placed, placed_zeros
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.intake import standstill
-from friction_estimator.core.model.basis import WaveletBasis
 from friction_estimator.core.model.prior import Prior
 from friction_estimator.core.model.structure import Model
 from friction_estimator.core.online import recovery
 from friction_estimator.core.online import workspace as at
 from friction_estimator.core.online.adaptation import Law, constants
+from friction_estimator.core.online.carried_curve import CarriedCurve
 from friction_estimator.core.online.workspace import Workspace
 from friction_estimator.core.sample import Floats, Ints
 from friction_estimator.core.settings.config import Config
@@ -30,19 +27,6 @@ velocities does not make the model large."""
 
 LEAST_GROWTH = 1.25
 """Smallest factor: a drive that runs up goes on, and each growth takes milliseconds. Companded cells are few there."""
-
-POINTS_A_CELL = 4
-"""Of the fit that carries a curve over: several for the finest function."""
-
-ROUNDING = 4.0 * float(np.finfo(np.float64).eps)
-"""Of that fit, times its size and its largest squared column: what rounding leaves of a positive definite matrix.
-Deviations of thousands of force units, which `prior.weight_deviation` allows, reach it; usual ones stay far below."""
-
-THINNING = 16
-"""Of that fit: points beyond the new edges are apart by their distance over this, once that is more than a point's."""
-
-WITHIN_DEVIATION, BEYOND_DEVIATION = 1e-4, 0.03
-"""Force units by which g may miss what it was, and its edge's value beyond, against prior deviations of weights."""
 
 
 def grown_model(model: Model, velocity_m_s: float) -> Model | None:
@@ -116,10 +100,10 @@ class Growth:
         return prior_arrays(self.prior) if self._law.keeps_covariance else {}
 
     @cached_property
-    def fit(self) -> "_CurveFit":
+    def fit(self) -> "CarriedCurve":
         """What carries curves over."""
         taps, old = int(self.before.shape[0]), int(self.before.shape[1])
-        return _CurveFit(self.before, self.after, np.ascontiguousarray(self._thetas[:, taps : taps + old]))
+        return CarriedCurve(self.before, self.after, np.ascontiguousarray(self._thetas[:, taps : taps + old]))
 
     @cached_property
     def config(self) -> Config:
@@ -253,154 +237,6 @@ def prior_arrays(prior: Prior) -> dict[str, Floats]:
         "information": placed(prior.information * prior.residual_variance),
         "prior_root": placed(prior.root / np.sqrt(prior.residual_variance)),
     }
-
-
-class _CurveFit:
-    """Weights of a larger model whose g is what it was, and flat beyond.
-
-    A least-squares fit over velocity to the curve as it was, held at its edges beyond, against the prior's deviations
-    from the weights as they were; those at the edges, of which the samples said little, move too. The fit reaches as
-    far beyond the new edges as any function does: one that knew only a part of a function would give it a wild weight.
-
-    Parameters
-    ----------
-    before, after : the model and the larger one.
-    weights : (n, size) of `before`, one curve each.
-    """
-
-    def __init__(self, before: Model, after: Model, weights: Floats) -> None:
-        assert isinstance(after.basis, WaveletBasis)
-        self._before, self._basis, self._prior = before.basis, after.basis, after.config.prior
-        self._weights = weights
-
-    @cached_property
-    def wide(self) -> WaveletBasis:
-        """The functions of `after` and those beside them."""
-        return self._basis.widened()
-
-    @cached_property
-    def points(self) -> tuple[Floats, Floats]:
-        """Velocities of the points and their importance, (points,) each."""
-        velocity = self.wide.cell_velocities(POINTS_A_CELL)
-        if not self._basis.inside(velocity).any():  # cells that are wider than the range
-            velocity = np.sort(np.concatenate([velocity, self._basis.reach]))
-        inner = np.flatnonzero(self._basis.inside(velocity))
-        above, apart_above = _thinning(velocity.size - 1 - inner[-1])
-        below, apart_below = _thinning(inner[0])
-        velocity = velocity[np.concatenate([inner[0] - below, inner, inner[-1] + above])]
-        importance = np.sqrt(np.concatenate([apart_below, np.ones(inner.size), apart_above]))
-        return velocity, importance / np.where(self._before.inside(velocity), WITHIN_DEVIATION, BEYOND_DEVIATION)
-
-    @cached_property
-    def functions(self) -> tuple[Ints, Ints, Floats]:
-        """Those of `wide` that are fitted, the column of each or -1, and the prior deviation of its weight."""
-        wide = self.wide
-        # Beyond the new edges the curve is flat: there the scaling functions, whose span holds a constant, are enough.
-        wanted = wide.is_scaling.copy()
-        wanted[wide.places_of(self._basis)] = True
-        fitted, column = np.flatnonzero(wanted), np.full(wide.size, -1)
-        column[fitted] = np.arange(fitted.size)
-        return fitted, column, self._prior.weight_deviation * wide.prior_scale(self._prior.weight_slope)
-
-    @cached_property
-    def rows(self) -> tuple[NDArray[np.int32], Floats]:
-        """What the functions of `after` are at the points, (index, value)."""
-        return self.wide.rows(self.points[0])
-
-    @cached_property
-    def former_rows(self) -> tuple[NDArray[np.int32], Floats]:
-        """What the functions of `before` are there; held at the edge outside."""
-        return self._before.rows(self.points[0])
-
-    @cached_property
-    def normal(self) -> Floats:
-        """The normal equations, the lower triangle; weights are in their prior deviations."""
-        fitted, column, scale = self.functions
-        normal = np.eye(fitted.size)
-        _add_squares(*self.rows, column, scale, self.points[1], normal)
-        least = ROUNDING * len(normal) * float(np.max(np.diag(normal)))
-        if least > 1.0:
-            normal[np.diag_indices_from(normal)] += least
-        return normal
-
-    @cached_property
-    def factor(self) -> tuple[Floats, bool]:
-        """Their Cholesky factor."""
-        return cho_factor(self.normal, lower=True, check_finite=False)
-
-    @cached_property
-    def start(self) -> Floats:
-        """Weights of the functions of `wide` that leave the curves as they are, (n, functions); appended ones are 0."""
-        start = np.zeros((len(self._weights), self.wide.size))
-        start[:, self.wide.places_of(self._before)] = self._weights
-        return start
-
-    @cached_property
-    def missing(self) -> Floats:
-        """Right-hand sides of the normal equations, (n, columns): what these curves lack beyond the former edges."""
-        fitted, column, scale = self.functions
-        missing = np.zeros((len(self._weights), fitted.size))
-        _add_missing(*self.rows, column, scale, self.points[1], *self.former_rows, self._weights, self.start, missing)
-        return missing
-
-    @cached_property
-    def weights(self) -> Floats:
-        """Weights of the larger model, (n, size)."""
-        fitted, _, scale = self.functions
-        larger = self.start.copy()
-        larger[:, fitted] += scale[fitted] * cho_solve(self.factor, self.missing.T, check_finite=False).T
-        return np.ascontiguousarray(larger[:, self.wide.places_of(self._basis)])
-
-
-def _thinning(count: int) -> tuple[Ints, Floats]:
-    """Return distances beyond an edge, from 1 to `count` at the most, and how far each is from the next.
-
-    They thin out: of the functions of the range only broad ones reach far beyond its edge.
-    """
-    distances = [1]
-    while distances[-1] < count:
-        distances.append(distances[-1] + max(1, distances[-1] // THINNING))
-    return np.array(distances[:-1], np.int64), np.diff(np.array(distances, np.float64))
-
-
-@njit(cache=True)
-def _add_squares(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    index, value, column, scale, importance, normal
-):
-    """Add X' X to the lower triangle, X the scaled rows of a basis with only the functions that have a column."""
-    width = index.shape[1]
-    place, entry = np.empty(width, np.int64), np.empty(width)
-    for row in range(importance.size):
-        count = 0
-        for k in range(width):
-            function = index[row, k]
-            if column[function] >= 0:
-                place[count] = column[function]
-                entry[count] = importance[row] * scale[function] * value[row, k]
-                count += 1
-        for i in range(count):
-            for j in range(count):
-                if place[j] <= place[i]:
-                    normal[place[i], place[j]] += entry[i] * entry[j]
-
-
-@njit(cache=True)
-def _add_missing(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    index, value, column, scale, importance, former_index, former_value, former, larger, missing
-):
-    """Add X' (Y w - X u) for each pair of weights w of the former basis, whose rows are Y, and u of the larger one."""
-    for row in range(importance.size):
-        for model in range(len(former)):
-            error = 0.0
-            for k in range(former_index.shape[1]):
-                error += former_value[row, k] * former[model, former_index[row, k]]
-            for k in range(index.shape[1]):
-                error -= value[row, k] * larger[model, index[row, k]]
-            error *= importance[row] ** 2
-            for k in range(index.shape[1]):
-                function = index[row, k]
-                if column[function] >= 0:
-                    missing[model, column[function]] += error * scale[function] * value[row, k]
 
 
 def cold_start(model: Model, prior: Prior, metric: Floats, covariance: bool, constants: Floats) -> Workspace:
