@@ -251,7 +251,7 @@ def null_maximum(signs: Floats, projections: Sequence[tuple[Floats, Floats]], ru
 
     Parameters
     ----------
-    signs : (count, blocks), `Evidence.flips`, or ones for the gain of the residual itself.
+    signs : (count, blocks), `Evidence.flips`.
     projections : `Evidence.projected` of each hypothesis, from the residual without the best candidates' share.
     """
     best = np.zeros(signs.shape[0])

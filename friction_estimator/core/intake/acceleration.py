@@ -284,23 +284,25 @@ def _average(smooth, corners, count, highest, floor, exceptional, told):  # type
         if degree <= highest:
             weight = np.exp(_evidence(smooth[degree, 2] + floor, count, degree + 1) - best)
             taken = degree if exceptional else DEGREE
-            errors = smooth[taken, 2] / (count - taken - 1)
             total += weight
-            told[SLOPE] += weight * smooth[taken, 0]
-            told[NOISE] += weight * errors * smooth[taken, 1]
-            told[ERRORS] += weight * errors
-            square += weight * (smooth[taken, 0] - cubic) ** 2
+            square += _weighed(told, weight, smooth[taken], count - taken - 1, cubic)
     for k in range(corners.shape[0]):
         weight = np.exp(prior + _evidence(corners[k, 2] + floor, count, DEGREE + 1) - best)
-        errors = corners[k, 2] / (count - DEGREE - 1)
         total += weight
-        told[SLOPE] += weight * corners[k, 0]
-        told[NOISE] += weight * errors * corners[k, 1]
-        told[ERRORS] += weight * errors
-        square += weight * (corners[k, 0] - cubic) ** 2
+        square += _weighed(told, weight, corners[k], count - DEGREE - 1, cubic)
     told /= total
     apart = square / total - (told[SLOPE] - cubic) ** 2
     told[APART] = max(0.0, apart - NOISE_LIKE * told[NOISE])
+
+
+@njit(cache=True, forceinline=True)
+def _weighed(told, weight, fit, freedom, cubic):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Add a fit of slope, spread and errors left to `told`; return the weighed square of its distance to the cubic."""
+    errors = fit[2] / freedom
+    told[SLOPE] += weight * fit[0]
+    told[NOISE] += weight * errors * fit[1]
+    told[ERRORS] += weight * errors
+    return weight * (fit[0] - cubic) ** 2
 
 
 @njit(cache=True)

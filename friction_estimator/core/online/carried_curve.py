@@ -49,6 +49,11 @@ class CarriedCurve:
         return self._basis.widened()
 
     @cached_property
+    def places(self) -> Ints:
+        """Where the functions of `after` stand among those of `wide`."""
+        return self.wide.places_of(self._basis)
+
+    @cached_property
     def points(self) -> tuple[Floats, Floats]:
         """Velocities of the points and their importance, (points,) each."""
         velocity = self.wide.cell_velocities(POINTS_A_CELL)
@@ -67,7 +72,7 @@ class CarriedCurve:
         wide = self.wide
         # Beyond the new edges the curve is flat: there the scaling functions, whose span holds a constant, are enough.
         wanted = wide.is_scaling.copy()
-        wanted[wide.places_of(self._basis)] = True
+        wanted[self.places] = True
         fitted, column = np.flatnonzero(wanted), np.full(wide.size, -1)
         column[fitted] = np.arange(fitted.size)
         return fitted, column, self._prior.weight_deviation * wide.prior_scale(self._prior.weight_slope)
@@ -119,7 +124,7 @@ class CarriedCurve:
         fitted, _, scale = self.functions
         larger = self.start.copy()
         larger[:, fitted] += scale[fitted] * cho_solve(self.factor, self.missing.T, check_finite=False).T
-        return np.ascontiguousarray(larger[:, self.wide.places_of(self._basis)])
+        return np.ascontiguousarray(larger[:, self.places])
 
 
 def _thinning(count: int) -> tuple[Ints, Floats]:
