@@ -33,6 +33,16 @@ PHYSICAL = {
 }
 """Quantities that every form of the effect has."""
 
+USUAL_FORM = {
+    "viscosity_drift": ("time_constant",),
+    "wear": ("length",),
+    "presliding": ("length",),
+    "viscoelastic_relaxation": ("time_constant",),
+    "frictional_lag": ("lag",),
+    "sensor_lowpass": ("time_constant",),
+}
+"""Quantities that the usual form alone has: its times and lengths."""
+
 OWN_FORM_ONLY = ("velocity_delay",)
 """Of these, the other form is a filter, whose time constant is no delay."""
 
@@ -55,6 +65,8 @@ def expected(effect: Effect, made: Made, index: int, plant: str) -> dict[str, Ra
     own = (
         () if effect.name in OWN_FORM_ONLY and effect.values.get("form", 0.0) >= 0.5 else PHYSICAL.get(effect.name, ())
     )
+    if cls is EFFECTS[effect.name] and effect.values.get("form", 0.0) < 0.5:
+        own = (*own, *USUAL_FORM.get(effect.name, ()))
     physical = {name: effect.values[name] for name in own}
     if cls.columns.__func__ is Effect.columns.__func__:
         return {} if effect.values.get("form", 0.0) >= 0.5 else dict(effect.values)
@@ -87,7 +99,7 @@ def best_fit(effect: Effect, made: Made, index: int, plant: str) -> dict[str, Ra
         weights, *_ = np.linalg.lstsq(columns, target, rcond=None)
         return float(np.sum(np.square(target - columns @ weights))), weights
 
-    best = None
+    told: dict[str, tuple[float, Range]] = {}
     for params in _starts(cls, effect, context):
         plateaus: dict[str, Range] = {}
         unknown: set[str] = set()
@@ -102,12 +114,12 @@ def best_fit(effect: Effect, made: Made, index: int, plant: str) -> dict[str, Ra
             elif not low * AT_EDGE < params[name] < high / AT_EDGE:
                 unknown.add(name)
         loss, weights = fitted(params)
-        if best is None or loss < best[0]:
-            best = loss, params, weights, plateaus, unknown
-    assert best is not None
-    _, params, weights, plateaus, unknown = best
-    found = {name: value for name, (value, _) in cls.physical(params, weights, context).items()}
-    return {name: value for name, value in (found | plateaus).items() if name not in unknown}
+        found: dict[str, Range] = {name: value for name, (value, _) in cls.physical(params, weights, context).items()}
+        for name, value in (found | plateaus).items():
+            # A shape may have quantities of its own: each is that of the best shape that has it.
+            if name not in told or loss < told[name][0]:
+                told[name] = loss, (np.nan if name in unknown else value)
+    return {name: value for name, (_, value) in told.items() if not np.isnan(value).any()}
 
 
 def _columns(cls: type[Effect], params: dict[str, float], features: Features, reference: Reference):

@@ -90,6 +90,19 @@ class Candidate:
         return float(self.model.loss.sum()) / self.model.joint.base.coefficients.count
 
 
+@dataclass(frozen=True)
+class Form:
+    """Another functional form of a named cause, or another place of its parameters.
+
+    Attributes
+    ----------
+    behind_N2 : by how much less it explains, beyond what is chance. apart : quantity -> how far its value is off.
+    """
+
+    behind_N2: float
+    apart: Mapping[str, float]
+
+
 class Candidates:
     """Fits effects beside models of one base problem, and remembers what it has fitted."""
 
@@ -137,6 +150,20 @@ class Candidates:
                     best = other
             self._shaped[key] = best
         return self._shaped[key]
+
+    def forms(self, model: Model, after: Model) -> tuple["Form", ...]:
+        """Return what other fits there were of the last term of `after`, a model with one term more than `model`."""
+        last = after.joint.terms[-1]
+        told = last.effect.physical(last.params, last.weights, self.context)
+        gain = sum(gain_parts(model, after))
+        out = []
+        for (known, name, _), other in self._known.items():
+            if known != id(model) or name != last.name or other is None or other.model is after:
+                continue
+            values = other.effect.physical(other.term.params, other.term.weights, self.context)
+            apart = {n: abs(value - told[n][0]) for n, (value, _) in values.items() if n in told}
+            out.append(Form(gain - other.gain - PLAIN * other.samples_N2, apart))
+        return tuple(out)
 
     def resettled(self, model: Model, one: Candidate) -> Candidate:
         """Return the candidate with what the terms before it refine sought anew, where everything then fits better.
@@ -218,9 +245,7 @@ class Candidates:
         """Return `known_sign` of one term of a model."""
         if id(model) not in self._estimates:
             self.keep(model)
-            self._estimates[id(model)] = estimates(
-                model.joint, self.problem.record, self.context, self.seed, systematic=False
-            )
+            self._estimates[id(model)] = estimates(model.joint, self.problem.record, self.context, self.seed)
         term, fitted = model.joint.terms[i], self._estimates[id(model)][i]
         one_sign = {name for name in fitted if name in term.effect.refined and name not in term.effect.steps}
         if len(term.effect.signs) == term.weights.size and all(term.effect.signs):

@@ -89,10 +89,11 @@ def diagnose(
     final = found.models[-1]
     found_faults = confirmed(found_faults, record, context, final, catalogue)
     trials = Trials(final, record, config, context, seed)
-    effects = _named(record, context, found, errors, spread, seed, trials, catalogue)
-    progress("noise floor and remainder", 0.85)
     base_error, last_error = rms(errors[0], record), rms(errors[-1], record)
     floor = min(noise_floor(record, final.residual_N, lattice_N), base_error)
+    left_N2 = float(record.used.sum()) * max(0.0, last_error**2 - floor**2)
+    effects = _named(record, context, found, errors, spread, left_N2, seed, trials, catalogue)
+    progress("noise floor and remainder", 0.85)
     found_faults += scattered(record, context, final, found_faults, catalogue)
     concealed_by_one = any(f.conceals for f in found_faults)
     remainder = None if concealed_by_one else unexplained(record, final, found, found_faults, seed)
@@ -172,14 +173,18 @@ def _named(
     found: Search,
     errors: Sequence[np.ndarray],
     spread: float,
+    left_N2: float,
     seed: int,
     trials: Trials,
     catalogue: Mapping[str, type[Effect]],
 ) -> list[Found]:
-    """Return the causes with parameters and held-out gains, each from the model before it."""
+    """Return the causes with parameters and held-out gains, each from the model before it.
+
+    `left_N2` is the error power that none of them explains.
+    """
     if not found.causes:
         return []
-    fitted = estimates(found.models[-1], record, context, seed)
+    fitted = estimates(found.models[-1], record, context, seed, left_N2, [c.apart(left_N2) for c in found.causes])
     named = {c.name for c in found.causes}
 
     def one(i: int, cause: Cause) -> Found:

@@ -1,19 +1,27 @@
-"""Fitted physical quantities with 95 % intervals."""
+"""Fitted physical quantities with 95 % intervals: chance, other forms of the cause, and what no cause explains."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import t as student
 
 from friction_estimator.core.sample import Floats
+from friction_estimator.diagnosis.evidence import Evidence
 from friction_estimator.diagnosis.joint import Joint
+from friction_estimator.diagnosis.library import columns_of
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import Record
+from friction_estimator.diagnosis.seek import BEYOND, plateau
 from friction_estimator.effects.features import Context
 
 MEMORY_SHARE = 0.1
 """Samples by which a time of the whole force is uncertain beside its sampling error: the rig's own short memory, of
 which the prior knows that much, delays the force as well."""
+
+MISFIT = 0.2
+"""Correlation up to which what no cause explains may lie along a quantity's own part of its columns, as of a load
+(decision 0072)."""
 
 
 @dataclass(frozen=True)
@@ -26,45 +34,90 @@ class Estimate:
     high: float
 
 
-def parameter_covariance(joint: Joint, record: Record, seed: int) -> Floats:
-    """Return the covariance of the tangent's coefficients in the parameters' own units, (q, q).
+@dataclass(frozen=True)
+class Curvature:
+    """What is known of the tangent's coefficients of a joint fit.
 
-    Sandwich over blocks: H^-1 (sum_b s_b s_b') H^-1 with s_b = X_b' e_b, B / (B - 1), so that neither coloured
-    nor uneven noise makes the intervals too narrow. A parameter held at an end of its bracket is as uncertain as a free
-    one.
+    Attributes
+    ----------
+    evidence : products of the tangent and what is left. inverse : (q, q), of the Hessian, in the tangent's own units.
     """
-    evidence = joint.evidence(record, seed)
-    hessian = evidence.zz.sum(0) + np.diag(np.where(joint.at_end, 0.0, joint.penalty))
-    hessian = hessian + np.diag(1e-10 * np.maximum(np.diag(hessian), 1e-300))
-    scores = evidence.ze - evidence.ze.mean(axis=0)
-    inverse = np.linalg.inv(hessian)
-    blocks = evidence.blocks
-    middle = scores.T @ scores * blocks / (blocks - 1)
-    white = hessian * float(evidence.ee.sum()) / max(evidence.samples - hessian.shape[0], 1)
-    # Few blocks make the sandwich noisy: it never falls below what white noise alone would give.
-    sandwich, plain = inverse @ middle @ inverse, inverse @ white @ inverse
-    known = np.maximum(np.diag(sandwich), 1e-300)
-    lift = np.sqrt(np.fmax(np.diag(plain) / known, np.ones(known.size)))
-    return np.asarray(sandwich * np.outer(lift, lift) * np.outer(joint.scales, joint.scales))
+
+    evidence: Evidence
+    inverse: Floats
+
+    @classmethod
+    def of(cls, joint: Joint, record: Record, seed: int) -> "Curvature":
+        """A parameter held at an end of its bracket is as uncertain as a free one."""
+        evidence = joint.evidence(record, seed)
+        hessian = evidence.zz.sum(0) + np.diag(np.where(joint.at_end, 0.0, joint.penalty))
+        hessian = hessian + np.diag(1e-10 * np.maximum(np.diag(hessian), 1e-300))
+        return cls(evidence, np.linalg.inv(hessian))
+
+    @property
+    def variance(self) -> float:
+        """Of what is left, N^2."""
+        freedom = max(self.evidence.samples - self.inverse.shape[0], 1)
+        return float(self.evidence.ee.sum() / freedom)
+
+    def covariance(self) -> Floats:
+        """Return that of the coefficients by chance, (q, q).
+
+        Sandwich over blocks: H^-1 (sum_b s_b s_b') H^-1 with s_b = X_b' e_b, B / (B - 1), so that neither coloured
+        nor uneven noise makes the intervals too narrow.
+        """
+        blocks = self.evidence.blocks
+        scores = self.evidence.ze - self.evidence.ze.mean(axis=0)
+        middle = scores.T @ scores * blocks / (blocks - 1)
+        # Few blocks make the sandwich noisy: it never falls below what white noise alone would give.
+        sandwich, plain = self.inverse @ middle @ self.inverse, self.inverse * self.variance
+        known = np.maximum(np.diag(sandwich), 1e-300)
+        lift = np.sqrt(np.fmax(np.diag(plain) / known, np.ones(known.size)))
+        return np.asarray(sandwich * np.outer(lift, lift))
+
+    def power(self, column: Floats) -> float:
+        """Return the power of a column (n,) that no coefficient can make up for, summed."""
+        moments = self.evidence.moments(column[:, None])
+        across = moments.zx.sum(0)[:, 0]
+        return max(float(moments.xx.sum()) - float(across @ self.inverse @ across), 1e-300)
 
 
 def estimates(
-    joint: Joint, record: Record, context: Context, seed: int, systematic: bool = True
+    joint: Joint,
+    record: Record,
+    context: Context,
+    seed: int,
+    left_N2: float | None = None,
+    apart: Sequence[Mapping[str, float]] = (),
 ) -> list[dict[str, Estimate]]:
     """Return the physical parameters of each term with intervals.
 
-    Sampling error by the delta method with Student t over blocks, and the effect's systematic share beside it unless
-    `systematic` is False.
+    Without `left_N2` they are those of chance alone: by the delta method with Student t over blocks. With it half of
+    the interval is the root of the sum of squares of this, of what other forms of the cause differ by, and of what a
+    misfit of that power makes of the quantity at a correlation of `MISFIT`.
+
+    Parameters
+    ----------
+    left_N2 : error power that no cause explains, summed. apart : for each term by how much other forms of its cause
+        that fit as well differ, by quantity; the effect's own systematic share holds where that is less.
     """
-    covariance = parameter_covariance(joint, record, seed)
+    known = Curvature.of(joint, record, seed)
     quantile = float(student.ppf(0.975, max(record.blocks - 1, 1)))
+    scales = np.outer(joint.scales, joint.scales)
+    squares = quantile**2 * known.covariance() * scales
+    if left_N2 is not None:
+        squares += MISFIT**2 * left_N2 * known.inverse * scales
     place = joint.base.tangent.shape[1]
     out = []
-    for term in joint.terms:
+    for number, term in enumerate(joint.terms):
         free = 0 if term.effect.fixed_gain else term.weights.size
         names = [n for n in term.effect.refined if term.params[n] != 0.0]
         theta = np.concatenate([term.weights[:free], [term.params[n] for n in names]])
-        part = covariance[place : place + theta.size, place : place + theta.size]
+        part = squares[place : place + theta.size, place : place + theta.size].copy()
+        if left_N2 is not None:
+            for i, name in enumerate(names, free):
+                if name in term.effect.steps and joint.scales[place + i] == 0.0:
+                    part[i, i] = _jumping(joint, number, name, context, known, left_N2, quantile) ** 2
         place += theta.size
 
         def values(
@@ -83,14 +136,41 @@ def estimates(
                 moved = theta.copy()
                 moved[i] += step
                 slope[i] = (values(moved)[name][0] - value) / step
-            reach = quantile * float(np.sqrt(max(float(slope @ part @ slope), 0.0)))
-            if systematic:
-                reach = float(np.hypot(reach, term.effect.systematic.get(name, 0.0) * abs(value)))
-            if systematic and term.effect.delays:
-                reach = float(np.hypot(reach, MEMORY_SHARE * context.step_s))
+            reach = float(np.sqrt(max(float(slope @ part @ slope), 0.0)))
             low = float(value - reach)
-            if systematic and name in term.effect.refined and value > 0.0:
-                low = max(low, 0.0)  # a length or a time is not negative
+            if left_N2 is not None:
+                form = term.effect.systematic.get(name, 0.0) * abs(value)
+                form = max(form, apart[number].get(name, 0.0) if apart else 0.0)
+                memory = MEMORY_SHARE * context.step_s if term.effect.delays else 0.0
+                reach = float(np.hypot(np.hypot(reach, form), memory))
+                low = float(value - reach)
+                if name in term.effect.refined and value > 0.0:
+                    low = max(low, 0.0)  # a length or a time is not negative
             found[name] = Estimate(float(value), unit, low, float(value + reach))
         out.append(found)
     return out
+
+
+def _jumping(
+    joint: Joint, number: int, name: str, context: Context, known: Curvature, left_N2: float, quantile: float
+) -> float:
+    """Return the reach of a parameter in which the columns jump, and that a small step does not move.
+
+    On its plateau nothing tells one value from another; beyond, what the columns differ by from one neighbouring
+    plateau to the other is their slope.
+    """
+    term = joint.terms[number]
+    features = joint.features.with_force(joint.features.force_N - joint.parts_N[number])
+    here = term.params[name]
+
+    def columns(at: float) -> Floats:
+        return columns_of(term.effect, {**term.params, name: at}, features, joint.reference)
+
+    standing = columns(here)
+    low, high = term.effect.bracket(name, here, context)
+    first, last = plateau(lambda at: np.array_equal(columns(at), standing), here, low, high)
+    reach = BEYOND * (last - first)
+    before, after = max(first - reach, low), min(last + reach, high)
+    slope = (columns(after) - columns(before)) @ term.weights / (after - before)
+    squares = (quantile**2 * known.variance + MISFIT**2 * left_N2) / known.power(slope)
+    return max(last - here, here - first) + float(np.sqrt(squares))

@@ -10,6 +10,7 @@ from friction_estimator.diagnosis.candidates import (
     PLAIN,
     Candidate,
     Candidates,
+    Form,
     Model,
     equals,
     gain_parts,
@@ -84,6 +85,7 @@ class Cause:
     gain : held-out decrease of the error power with what the prior of the memory saves, summed, N^2.
     rivals : effects that explain the data as well, best first.
     behind_N2 : of others that come close, by how much less they explain, N^2.
+    forms : other ones of the cause that were fitted.
     """
 
     name: str
@@ -91,6 +93,12 @@ class Cause:
     gain: float
     rivals: tuple[str, ...]
     behind_N2: Mapping[str, float] = field(default_factory=dict)
+    forms: tuple[Form, ...] = ()
+
+    def apart(self, left_N2: float) -> dict[str, float]:
+        """Return by how much its quantities differ in forms that are behind by less than what no cause explains."""
+        close = [form.apart for form in self.forms if form.behind_N2 <= left_N2]
+        return {name: max(one.get(name, 0.0) for one in close) for name in {n for one in close for n in one}}
 
     def within(self, left_N2: float) -> "Cause":
         """Return the cause with those as rivals, too, that are behind by less than what no cause explains.
@@ -206,6 +214,8 @@ class Searcher:
                 dropped.add(causes[place].name)
                 causes, models = self._without(place, last, causes, models)
         left = self._left(models[-1])
+        steps = zip(causes, models, models[1:], strict=False)
+        causes = [replace(one, forms=self.fits.forms(fewer, more)) for one, fewer, more in steps]
         return Search(
             self.problem,
             tuple(cause.within(left) for cause in causes),

@@ -67,13 +67,13 @@ def over_jumps(cost: Cost, low: float, high: float) -> float:
     return best
 
 
-def beside(same: Callable[[float], bool], place: float, low: float, high: float) -> list[float]:
-    """Return a place on each of the two plateaus beside that of a place, within bounds.
+def plateau(same: Callable[[float], bool], place: float, low: float, high: float) -> tuple[float, float]:
+    """Return the ends of the plateau of a place, within bounds.
 
     `same` says of another place whether it lies on the same plateau.
 
-    >>> [round(v, 2) for v in beside(lambda v: int(v) == 3, 3.2, 0.0, 10.0)]
-    [2.75, 4.25]
+    >>> [round(v, 2) for v in plateau(lambda v: int(v) == 3, 3.2, 0.0, 10.0)]
+    [3.0, 4.0]
     """
     edges = []
     for end in (low, high):
@@ -82,8 +82,18 @@ def beside(same: Callable[[float], bool], place: float, low: float, high: float)
             middle = 0.5 * (inside + outside)
             inside, outside = (middle, outside) if same(middle) else (inside, middle)
         edges.append(outside)
-    reach = BEYOND * (edges[1] - edges[0])
-    return [value for value in (edges[0] - reach, edges[1] + reach) if low < value < high]
+    return edges[0], edges[1]
+
+
+def beside(same: Callable[[float], bool], place: float, low: float, high: float) -> list[float]:
+    """Return a place on each of the two plateaus beside that of a place, within bounds.
+
+    >>> [round(v, 2) for v in beside(lambda v: int(v) == 3, 3.2, 0.0, 10.0)]
+    [2.75, 4.25]
+    """
+    first, last = plateau(same, place, low, high)
+    reach = BEYOND * (last - first)
+    return [value for value in (first - reach, last + reach) if low < value < high]
 
 
 def at_end(value: float, low: float, high: float) -> bool:

@@ -139,8 +139,12 @@ class ViscosityDrift(Effect):
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
-        """Drop and time constant; in the free shape the drop of the friction at top speed."""
-        return {"drop": (1.0 - float(np.exp(-weights[-1])), ""), "time_constant": (params["time_constant"], "s")}
+        """Drop and time constant; in the free shape the drop of the friction at top speed, which is another thing.
+
+        Where the theory's viscous part does not fit, nothing says how much of the friction is viscous.
+        """
+        name = "friction_drop" if params.get("shape", 0.0) >= FREE else "drop"
+        return {name: (1.0 - float(np.exp(-weights[-1])), ""), "time_constant": (params["time_constant"], "s")}
 
     @classmethod
     def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003

@@ -35,6 +35,10 @@ SPREAD = (0.0625, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0)
 """Lengths of several bristles over that of the one which fits best."""
 
 
+DWELL_POWERS = (0.25, 0.5)
+"""Exponents with which a breakaway force grows with the dwell."""
+
+
 def relative_level(features: Features, reference: Reference) -> Floats:
     """Return the level that bristles carry in steady sliding, (n,), over that at low speed and medium pressure."""
     middle = np.array([float(np.mean(reference.pressures_Pa))])
@@ -102,8 +106,13 @@ class Breakaway(Effect):
         return [
             {"length": float(length), "exponent": power, "rest_speed": rest}
             for length in lengths(context)
-            for power in (0.25, 0.5)
+            for power in DWELL_POWERS
         ]
+
+    @classmethod
+    def variants(cls, params: Params) -> list[dict[str, float]]:
+        """Another growth with the dwell: where no dwell is near 0.1 s, the height there is another one."""
+        return [dict(params) | {"exponent": power} for power in DWELL_POWERS if power != params["exponent"]]
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
