@@ -6,12 +6,11 @@ from diagnosis_records import abba, record
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import BaseProblem
-from friction_estimator.diagnosis.candidates import Candidates, Form
+from friction_estimator.diagnosis.candidates import Candidates
 from friction_estimator.diagnosis.intervals import Estimate, estimates
 from friction_estimator.diagnosis.joint import Joint, JointFit
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import Record, build_record
-from friction_estimator.diagnosis.search import Cause
 from friction_estimator.effects import EFFECTS
 from friction_estimator.effects.features import Context
 from friction_estimator.effects.shapes import FREE, HATS
@@ -64,16 +63,16 @@ def test_the_growth_of_a_breakaway_force_with_the_dwell_is_compared() -> None:
     assert slow is not None
     best = fits.shaped(base, slow)
     assert best.term.params["exponent"] == 0.5
-    (other,) = fits.forms(base, best.model)
-    assert other.apart["amplitude"] == pytest.approx(best.term.weights[0] - slow.term.weights[0])
-    assert other.apart["amplitude"] > 0.3 * best.term.weights[0]
-
-
-def test_forms_that_fit_as_well_are_what_an_interval_holds() -> None:
-    forms = (Form(0.3, {"amplitude": 2.0}), Form(-0.1, {"amplitude": 0.5, "length": 1e-5}), Form(5.0, {"length": 1.0}))
-    cause = Cause("breakaway", None, 10.0, (), {}, forms)
-    assert cause.apart(0.0) == {"amplitude": 0.5, "length": 1e-5}
-    assert cause.apart(0.4) == {"amplitude": 2.0, "length": 1e-5}
+    # What no cause explains says how much worse a form may be: its values are in the interval then.
+    behind = best.gain - slow.gain
+    assert not fits.apart(base, best.model, 0.5 * behind)
+    apart = fits.apart(base, best.model, 1.5 * behind)
+    assert apart["amplitude"] == pytest.approx(best.term.weights[0] - slow.term.weights[0])
+    assert apart["amplitude"] > 0.3 * best.term.weights[0]
+    known = estimates(best.model.joint, data, context, 0, 0.0)[0]["amplitude"]
+    wider = estimates(best.model.joint, data, context, 0, 0.0, [apart])[0]["amplitude"]
+    assert not holds(known, slow.term.weights[0])
+    assert holds(wider, slow.term.weights[0])
 
 
 def test_what_the_friction_loses_is_not_what_the_viscosity_does() -> None:
@@ -85,3 +84,21 @@ def test_what_the_friction_loses_is_not_what_the_viscosity_does() -> None:
     assert "drop" in usual
     assert "drop" not in free
     assert set(free) - {"time_constant"}
+
+
+def test_a_form_of_which_nothing_can_be_told_gives_way_to_a_plainer_one() -> None:
+    """One sine does not tell bristles of eight lengths apart: refused with them, they made room for a relaxation."""
+    hidden = ["squeeze_film:size=0.04,form=1,speed=0.015"]
+    data = build_record([record(hidden, plant="maxwell_slip", segments=(segment(2.0, 50.0, 100.0),))], SEAL)
+    context = data.context(SEAL, float(np.abs(data.friction_N).max()))
+    fits = Candidates(BaseProblem(data, SEAL), context, EFFECTS, 0)
+    base = fits.base()
+    plain = fits(base, "presliding", {"length": 1.6e-3})
+    assert plain is not None
+    several = fits(base, "presliding", {**plain.term.params, "spread": 1.0})
+    assert several is not None
+    assert several.gain > plain.gain
+    assert not fits.known_sign(several)
+    assert fits.known_sign(plain)
+    assert not fits.apart(base, plain.model, plain.gain)
+    assert fits.known_sign(fits.shaped(base, plain))

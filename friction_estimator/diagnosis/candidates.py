@@ -90,19 +90,6 @@ class Candidate:
         return float(self.model.loss.sum()) / self.model.joint.base.coefficients.count
 
 
-@dataclass(frozen=True)
-class Form:
-    """Another functional form of a named cause, or another place of its parameters.
-
-    Attributes
-    ----------
-    behind_N2 : by how much less it explains, beyond what is chance. apart : quantity -> how far its value is off.
-    """
-
-    behind_N2: float
-    apart: Mapping[str, float]
-
-
 class Candidates:
     """Fits effects beside models of one base problem, and remembers what it has fitted."""
 
@@ -146,24 +133,33 @@ class Candidates:
                 if other is None:
                     continue
                 more = max(other.freedom - best.freedom, 1)
-                if other.gain - best.gain > PLAIN * more * best.samples_N2:
+                better = other.gain - best.gain > PLAIN * more * best.samples_N2
+                # A form of which nothing can be told is refused: the cause with it, although a plainer one tells it.
+                if better and (self.known_sign(other) or not self.known_sign(best)):
                     best = other
             self._shaped[key] = best
         return self._shaped[key]
 
-    def forms(self, model: Model, after: Model) -> tuple["Form", ...]:
-        """Return what other fits there were of the last term of `after`, a model with one term more than `model`."""
+    def apart(self, model: Model, after: Model, left_N2: float) -> dict[str, float]:
+        """Return by how much the quantities of the last term differ in other fits of it that explain nearly as much.
+
+        Parameters
+        ----------
+        model, after : without and with that term. left_N2 : what no cause explains, by which they may be behind.
+        """
         last = after.joint.terms[-1]
         told = last.effect.physical(last.params, last.weights, self.context)
         gain = sum(gain_parts(model, after))
-        out = []
+        out: dict[str, float] = {}
         for (known, name, _), other in self._known.items():
             if known != id(model) or name != last.name or other is None or other.model is after:
                 continue
+            behind_N2 = gain - other.gain - PLAIN * other.samples_N2
+            if behind_N2 > left_N2 or not self.known_sign(other):  # where nothing is known, no value says anything
+                continue
             values = other.effect.physical(other.term.params, other.term.weights, self.context)
-            apart = {n: abs(value - told[n][0]) for n, (value, _) in values.items() if n in told}
-            out.append(Form(gain - other.gain - PLAIN * other.samples_N2, apart))
-        return tuple(out)
+            out |= {n: max(abs(value - told[n][0]), out.get(n, 0.0)) for n, (value, _) in values.items() if n in told}
+        return out
 
     def resettled(self, model: Model, one: Candidate) -> Candidate:
         """Return the candidate with what the terms before it refine sought anew, where everything then fits better.

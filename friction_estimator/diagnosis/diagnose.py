@@ -184,7 +184,7 @@ def _named(
     """
     if not found.causes:
         return []
-    fitted = estimates(found.models[-1], record, context, seed, left_N2, [c.apart(left_N2) for c in found.causes])
+    fitted = estimates(found.models[-1], record, context, seed, left_N2, [c.apart for c in found.causes])
     named = {c.name for c in found.causes}
 
     def one(i: int, cause: Cause) -> Found:

@@ -10,7 +10,6 @@ from friction_estimator.diagnosis.candidates import (
     PLAIN,
     Candidate,
     Candidates,
-    Form,
     Model,
     equals,
     gain_parts,
@@ -85,7 +84,7 @@ class Cause:
     gain : held-out decrease of the error power with what the prior of the memory saves, summed, N^2.
     rivals : effects that explain the data as well, best first.
     behind_N2 : of others that come close, by how much less they explain, N^2.
-    forms : other ones of the cause that were fitted.
+    apart : quantity -> by how much it differs in other forms of the cause that explain nearly as much.
     """
 
     name: str
@@ -93,12 +92,7 @@ class Cause:
     gain: float
     rivals: tuple[str, ...]
     behind_N2: Mapping[str, float] = field(default_factory=dict)
-    forms: tuple[Form, ...] = ()
-
-    def apart(self, left_N2: float) -> dict[str, float]:
-        """Return by how much its quantities differ in forms that are behind by less than what no cause explains."""
-        close = [form.apart for form in self.forms if form.behind_N2 <= left_N2]
-        return {name: max(one.get(name, 0.0) for one in close) for name in {n for one in close for n in one}}
+    apart: Mapping[str, float] = field(default_factory=dict)
 
     def within(self, left_N2: float) -> "Cause":
         """Return the cause with those as rivals, too, that are behind by less than what no cause explains.
@@ -215,7 +209,7 @@ class Searcher:
                 causes, models = self._without(place, last, causes, models)
         left = self._left(models[-1])
         steps = zip(causes, models, models[1:], strict=False)
-        causes = [replace(one, forms=self.fits.forms(fewer, more)) for one, fewer, more in steps]
+        causes = [replace(one, apart=self.fits.apart(fewer, more, left)) for one, fewer, more in steps]
         return Search(
             self.problem,
             tuple(cause.within(left) for cause in causes),
