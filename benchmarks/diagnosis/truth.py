@@ -43,6 +43,10 @@ USUAL_FORM = {
 }
 """Quantities that the usual form alone has: its times and lengths."""
 
+BOTH_FORMS = ("frictional_lag",)
+"""Of these, the other form has them as well. A fit would need the theory's gain, which a static force at one pressure
+does not tell: everything odd is in the hats."""
+
 OWN_FORM_ONLY = ("velocity_delay",)
 """Of these, the other form is a filter, whose time constant is no delay."""
 
@@ -65,7 +69,8 @@ def expected(effect: Effect, made: Made, index: int, plant: str) -> dict[str, Ra
     own = (
         () if effect.name in OWN_FORM_ONLY and effect.values.get("form", 0.0) >= 0.5 else PHYSICAL.get(effect.name, ())
     )
-    if cls is EFFECTS[effect.name] and effect.values.get("form", 0.0) < 0.5:
+    ours = cls is EFFECTS[effect.name]
+    if ours and (effect.values.get("form", 0.0) < 0.5 or effect.name in BOTH_FORMS):
         own = (*own, *USUAL_FORM.get(effect.name, ()))
     physical = {name: effect.values[name] for name in own}
     if cls.columns.__func__ is Effect.columns.__func__:
