@@ -11,7 +11,7 @@ from friction_estimator.diagnosis.base_problem import BaseProblem, Coefficients
 from friction_estimator.diagnosis.evidence import Evidence
 from friction_estimator.diagnosis.lagged import Extra
 from friction_estimator.diagnosis.library import with_running_force
-from friction_estimator.diagnosis.own_columns import OwnColumns, Term, before, largest_change, weighted
+from friction_estimator.diagnosis.own_columns import OwnColumns, Term, largest_change, moves, weighted
 from friction_estimator.diagnosis.products import inner
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.seek import at_end, beside, best_time, downhill, over_bends, over_jumps
@@ -283,7 +283,7 @@ class JointFit:
             return terms, columns, here
         fit = BaseFit.of(self._base(terms), here)
         used = self._used
-        slopes = [self._slope(terms, i, name, columns[i], fit, features, reference) for i, name in places]
+        slopes = [self._slope(terms, i, name, columns, fit, features, reference) for i, name in places]
         # What changes nothing here (a share of nothing) has a slope of rounding only.
         shown = [float(np.std(s)) > LEAST_SLOPE * self._problem.scale for s in slopes]
         places = [place for place, so in zip(places, shown, strict=True) if so]
@@ -313,12 +313,12 @@ class JointFit:
         terms: Sequence[Term],
         i: int,
         name: str,
-        column: Floats,
+        columns: Sequence[Floats],
         fit: BaseFit,
         features: Features,
         reference: Reference,
     ) -> Floats:
-        """Return d force / d parameter, (n,), by a difference."""
+        """Return d force / d parameter, (n,), by a difference; `columns` are those of the terms as they are."""
         term = terms[i]
         low, high = term.effect.bracket(name, term.params[name], self._context)
         step = (JUMP_STEP if name in term.effect.steps else DERIVATIVE_STEP) * (high - low)
@@ -329,13 +329,11 @@ class JointFit:
         if self._base.changed_by(term):
             moved = self._base.force(trial, fit.coefficients) - fit.fitted_N
             for j, one in enumerate(terms):
-                if j != i and term.effect.delays and before(one.effect, term.effect):
-                    later, now = (self._columns.one(some, j, reference, features) for some in (trial, terms))
-                    if now.size:
-                        moved = moved + (later - now) @ one.weights
+                if j != i and columns[j].size and moves(term, one):
+                    moved = moved + (self._columns.one(trial, j, reference, features) - columns[j]) @ one.weights
             return np.asarray(moved / step)
         moved = self._columns.one(trial, i, reference, features)
-        return np.asarray((moved - column) @ term.weights / step)
+        return np.asarray((moved - columns[i]) @ term.weights / step)
 
     def _finished(
         self,
@@ -367,7 +365,7 @@ class JointFit:
         for i, (term, column) in enumerate(zip(terms, columns, strict=True)):
             slopes = [] if term.effect.fixed_gain else [column]
             refined = [name for name in term.effect.refined if term.params[name] != 0.0]
-            slopes += [self._slope(terms, i, n, column, fit, features, reference)[:, None] for n in refined]
+            slopes += [self._slope(terms, i, n, columns, fit, features, reference)[:, None] for n in refined]
             if not slopes:
                 continue
             block = np.column_stack(slopes)

@@ -41,6 +41,17 @@ def before(one: type[Effect], other: type[Effect]) -> bool:
     return STAGES.index(one.stage) < STAGES.index(other.stage)
 
 
+def moves(term: Term, other: Term) -> bool:
+    """Return whether a term that changes the base's own columns changes those of another one, too.
+
+    A time of the whole force moves what acts before it; what is friction at a speed, or is carried by bristles, follows
+    a film that lags.
+    """
+    if term.effect.delays:
+        return before(other.effect, term.effect)
+    return other.effect.follows_film() or other.effect.carries(other.params)
+
+
 def time_of(terms: Sequence[Term]) -> Term | None:
     """Return the one time of the whole force among some terms."""
     return next((t for t in terms if t.effect.delays), None)

@@ -35,6 +35,7 @@ class TermColumns:
         self.forces: tuple[Features, dict[str, Floats]] | None = None
         self._film: tuple[Features, dict[str, float], OnFilm | None] | None = None
         self._lacking: tuple[Features, Term, Floats] | None = None
+        self._levels: tuple[Features, Reference, dict[str, float], Floats] | None = None
 
     def settle(self, fitted_N: Floats, terms: Sequence[Term], reference: Reference, features: Features) -> None:
         """Take the force that runs at the stage of each term from a fit, for columns at these features.
@@ -84,6 +85,8 @@ class TermColumns:
         if film is not None:
             there = columns_of(term.effect, term.params, film.features, reference)
             made = made + film.share * (film.factor[:, None] * there - made)
+        if term.effect.carries(term.params) and (lag := film_of(terms)) is not None:
+            made = made * self._level_on_film(lag, features, reference)[:, None]
         return made if time is None else time.effect.smoothed(time.params, made, features)
 
     def _on_bristles(self, term: Term, terms: Sequence[Term], reference: Reference, features: Features) -> Floats:
@@ -101,6 +104,12 @@ class TermColumns:
         forward = sliding(features, reference)
         stands = columns_of(term.effect, term.params, forward, reference)
         return made + (self._lacking[2] / reference.smooth_sign(forward.velocity_m_s))[:, None] * stands
+
+    def _level_on_film(self, lag: Term, features: Features, reference: Reference) -> Floats:
+        """Return the level that bristles carry on a film that lags over that at the velocity, (n,)."""
+        if self._levels is None or self._levels[0] is not features or self._levels[1] is not reference or self._levels[2] != lag.params:
+            self._levels = features, reference, lag.params, lag.effect.level_on_film(lag.params, features, reference)
+        return self._levels[3]
 
     def _on_film(self, lag: Term, features: Features, reference: Reference) -> OnFilm | None:
         """Return what follows a film that lags, with the running force there; the last one made is kept."""

@@ -250,6 +250,11 @@ class Effect:
         raise NotImplementedError
 
     @classmethod
+    def level_on_film(cls, params: Params, features: Features, reference: Reference) -> Floats:
+        """Return the level of friction on a film that lags over that at the velocity, (n,)."""
+        raise NotImplementedError
+
+    @classmethod
     def carries(cls, params: Params) -> bool:  # noqa: ARG003
         """Return whether its columns are what bristles lack of the friction that they carry, at every speed."""
         return False
