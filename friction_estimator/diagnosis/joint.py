@@ -19,6 +19,7 @@ from friction_estimator.diagnosis.tangent import Tangent, chosen_rows, normal_eq
 from friction_estimator.diagnosis.term_columns import TermColumns
 from friction_estimator.effects.compose import FINE
 from friction_estimator.effects.features import Context, Features
+from friction_estimator.effects.grids import longest_time_s
 from friction_estimator.effects.reference import Reference
 
 ROUNDS = 14
@@ -218,8 +219,9 @@ class JointFit:
             return scan._fitted(trial, self._columns(trial, reference, features), base)
 
         if effect.delays:
-            ahead = effect.late_s({name: 1.0}) < 0.0
-            return params | {name: best_time(fitted, base, self._problem.mean_delay, self._context.step_s, ahead)}
+            ahead, longest = effect.late_s({name: 1.0}) < 0.0, longest_time_s(self._context)
+            time = best_time(fitted, base, self._problem.mean_delay, self._context.step_s, ahead, longest)
+            return params | {name: time}
         low, high = effect.bracket(name, params[name], self._context)
         return params | {name: over_bends(lambda v: fitted(v).cost, low, high)}
 

@@ -236,17 +236,19 @@ def described(samples: Samples, recording: Ints, config: Config) -> Record:
 
 
 def _forgotten(features: Features) -> Bools:
-    """Return which samples follow a gap in which the shaft may have turned, (n,), until it has run a length of memory.
+    """Return which samples follow a turn that nobody saw, (n,), until the shaft has run a length of memory.
 
-    Where bristles or a gap stand there nobody knows; ten such samples can weigh more than all the noise. A gap in which
-    no acceleration of the record turns the shaft hides no reversal.
+    It may have turned before a recording begins, and in a gap, unless no acceleration of the record turns it there.
+    Where bristles or a gap stand after it nobody knows; a few such samples can weigh more than all the noise.
     """
     v, first = features.velocity_m_s, np.flatnonzero(features.step_s == 0.0)
+    begins = first[np.diff(features.recording[first], prepend=-1) != 0]
     after = first[1:]
     top = float(np.quantile(np.abs(features.acceleration_m_s2), STEEPEST))
     gone = features.time_s[after] - features.time_s[after - 1]
     turned = (np.abs(v[after]) + np.abs(v[after - 1]) < top * gone) | (v[after] * v[after - 1] < 0.0)
     hidden = np.full(v.size, -np.inf)
+    hidden[begins] = features.distance_m[begins]
     hidden[after[turned]] = features.distance_m[after[turned]]
     length = LONGEST_LENGTH * float(np.ptp(features.position_m))
     return np.asarray(features.distance_m - np.maximum.accumulate(hidden) < length)

@@ -25,6 +25,10 @@ SCAN_EVALUATIONS, SCAN_TOLERANCE = 8, 1e-3
 SCANNED = (0.1, 0.3, 0.6, 1.0, 2.0, 4.0)
 """Times of the whole force that are tried first, in samples."""
 
+LADDER = 1.5
+"""Ratio of the longer times that are tried of a force that is ahead, while each fits better than the one before: a
+memory of a few samples can take back what the last one is too long."""
+
 MEMORY_MOVES = 6
 """Most times that the base's memory is moved over into a time of the whole force."""
 
@@ -125,6 +129,7 @@ def best_time(
     mean_delay: Callable[[Coefficients], float],
     step_s: float,
     ahead: bool = False,
+    longest_s: float = np.inf,
 ) -> float:
     """Return the time of the whole force at which everything else fits best, s.
 
@@ -132,13 +137,18 @@ def best_time(
     ----------
     fitted : the fit at a time. start : the fit without it. mean_delay : of the base's memory in a fit, samples.
     step_s : sample period. ahead : the time is one by which the force is ahead, as for a velocity that is late: the
-        memory can take up nothing of it, and what it delays the time has to make up for.
+        memory can take up nothing of it, and what it delays the time has to make up for. longest_s : that the record
+        can show.
     """
     tried = {share * step_s: fitted(share * step_s) for share in SCANNED}
     # What the base's memory has taken up belongs to the whole force's time: moved over until none is left. No memory
     # takes up a force that is ahead: it delays what too long a time has put too far ahead, and the wells are narrow.
     value, left, way, enough = 0.0, start, 1.0, MOVED
     if ahead:
+        last = max(tried)
+        while LADDER * last < longest_s and all(tried[last].cost <= fit.cost for fit in tried.values()):
+            last *= LADDER
+            tried[last] = fitted(last)
         value = min(tried, key=lambda time: tried[time].cost)
         left, way, enough = tried[value], -1.0, MOVED_AHEAD
     for _ in range(MEMORY_MOVES):
