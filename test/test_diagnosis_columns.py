@@ -31,6 +31,9 @@ def term(text: str) -> Term:
         ("maxwell_slip", ["gain_step:step=0.05,at=20"], [BRISTLES, "gain_step:at=20"]),
         ("maxwell_slip", ["wear:size=0.04,length=1"], [BRISTLES, "wear:length=1"]),
         ("maxwell_slip", ["direction_asymmetry:asymmetry=0.06"], [BRISTLES, UNLIKE]),
+        # They carry the level of a film that lags.
+        ("maxwell_slip", ["frictional_lag:lag=0.005"], [BRISTLES, "frictional_lag:lag=0.005,rest=0"]),
+        ("maxwell_slip", ["frictional_lag:lag=0.005,form=1"], [BRISTLES, "frictional_lag:lag=0.005,rest=0,delayed=1"]),
         # A rail and a gap see the force with what makes the directions unlike.
         (
             "clean",
@@ -48,6 +51,16 @@ def test_an_effect_acts_on_all_that_is_there_at_its_stage(plant, hidden, terms) 
     fit = JointFit(BaseProblem(data, SEAL), data.context(SEAL, float(np.abs(data.friction_N).max())))
     left = fit([term(text) for text in terms], search=False).residual_N[data.used]
     assert np.sqrt(np.mean(np.square(left))) < (1.05 if terms[1:] == [UNLIKE] else 1.03) * run.noise_N.std()
+
+
+def test_the_slope_of_a_lag_counts_what_follows_it() -> None:
+    """Bristles carry the level of the film: without them in the slope the steps of the lag ended halfway."""
+    hidden = (parse_effect("frictional_lag:lag=0.005,form=1"),)
+    run = simulate(Scenario(abba(), "maxwell_slip", 200.0, 0.01, 3, hidden))
+    data = build_record([run.samples], SEAL)
+    fit = JointFit(BaseProblem(data, SEAL), data.context(SEAL, float(np.abs(data.friction_N).max())))
+    found = fit([term(BRISTLES), term("frictional_lag:lag=0.0035,rest=0,delayed=1")], search=False)
+    assert found.terms[1].params["lag"] == pytest.approx(0.005, rel=0.01)
 
 
 def test_a_fixed_point_that_runs_away_ends_at_its_best_round() -> None:

@@ -1,7 +1,10 @@
 """One time of the whole force: it moves the base model and every effect that acts before it."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from diagnosis_records import abba
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import SPLINES, BaseProblem, Capacity
@@ -10,6 +13,7 @@ from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.diagnosis.joint import JointFit
 from friction_estimator.diagnosis.own_columns import Term, before
 from friction_estimator.diagnosis.record import build_record
+from friction_estimator.diagnosis.seek import best_time
 from friction_estimator.effects import EFFECTS, parse_effect
 from friction_estimator.rig.drive import segment
 from friction_estimator.rig.simulate import Scenario, simulate
@@ -101,3 +105,26 @@ def test_a_velocity_that_is_late_is_found_behind_bristles() -> None:
     found = diagnose([samples], SEAL, catalogue={name: EFFECTS[name] for name in names})
     assert [effect.name for effect in found.effects] == ["presliding", "velocity_delay"]
     assert found.effects[1].parameters["delay"].value == pytest.approx(0.003, abs=3e-4)
+
+
+def test_a_velocity_late_by_many_samples_is_found() -> None:
+    """No memory takes up a force that is ahead: longer times are tried as long as they fit better."""
+    step, true = 0.005, 0.0351
+
+    def fitted(time: float) -> SimpleNamespace:
+        return SimpleNamespace(cost=1.0 + min(abs(time - true), 0.02) / true - 1e-3 * time, late=max(0.0, time - true))
+
+    found = best_time(fitted, fitted(0.0), lambda fit: fit.late / step, step, ahead=True, longest_s=0.25)
+    assert found == pytest.approx(true, abs=0.05 * step)
+    bounded = best_time(fitted, fitted(0.0), lambda fit: fit.late / step, step, ahead=True, longest_s=0.024)
+    assert bounded < 0.024
+
+
+def test_forms_of_a_filter_are_compared_where_a_delay_comes_first() -> None:
+    """The base's memory takes up nearly all of a filter with two poles: one pole is far behind a delay there."""
+    hidden = (parse_effect("sensor_lowpass:time_constant=0.0083,form=1"),)
+    samples = simulate(Scenario(abba(), plant="clean", rate_hz=200.0, seed=3, effects=hidden)).samples
+    found = diagnose([samples], SEAL, catalogue={name: EFFECTS[name] for name in ("sensor_lowpass", "time_delay")})
+    assert found.effects[0].name == "sensor_lowpass"
+    value = found.effects[0].parameters["time_constant"]
+    assert value.low < 0.0083 < value.high

@@ -32,6 +32,9 @@ EARLY = 2.5
 RESETTLED = 10.0
 """Variances of the residual that an earlier term's other place must save: a probability ratio of exp(5)."""
 
+RESETTLINGS = 2
+"""Most times that an earlier term is sought anew beside the same later one."""
+
 
 @dataclass(frozen=True)
 class Model:
@@ -164,17 +167,18 @@ class Candidates:
     def resettled(self, model: Model, one: Candidate) -> Candidate:
         """Return the candidate with what the terms before it refine sought anew, where everything then fits better.
 
-        A time or a length that was sought before the later cause was known may lie in another minimum.
+        A time or a length that was sought before the later cause was known may lie in another minimum. Where one has
+        moved, the others have moved with it, and it is sought once more: the search holds them.
         """
         best = one.model.joint
         names = [term.name for term in best.terms]
         for name in names[:-1]:
-            if not self.catalogue[name].refined:
-                continue
-            last = sorted(best.terms, key=lambda t, n=name: t.name == n)  # type: ignore[misc]
-            found = self._fit(last, best.base.coefficients)
-            here, there = best.base.coefficients, found.base.coefficients
-            if here.cost - there.cost > RESETTLED * here.variance:
+            for _ in range(RESETTLINGS if self.catalogue[name].refined else 0):
+                last = sorted(best.terms, key=lambda t, n=name: t.name == n)  # type: ignore[misc]
+                found = self._fit(last, best.base.coefficients)
+                here, there = best.base.coefficients, found.base.coefficients
+                if here.cost - there.cost <= RESETTLED * here.variance:
+                    break
                 ordered = sorted(found.terms, key=lambda t: names.index(t.name))
                 best = self._fit(ordered, found.base.coefficients, search=False)
         if best is one.model.joint:
