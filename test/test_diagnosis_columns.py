@@ -34,6 +34,12 @@ def term(text: str) -> Term:
         # They carry the level of a film that lags.
         ("maxwell_slip", ["frictional_lag:lag=0.005"], [BRISTLES, "frictional_lag:lag=0.005,rest=0"]),
         ("maxwell_slip", ["frictional_lag:lag=0.005,form=1"], [BRISTLES, "frictional_lag:lag=0.005,rest=0,delayed=1"]),
+        # A filter of a part of a sample sees how they bend within one.
+        (
+            "maxwell_slip",
+            ["sensor_lowpass:time_constant=3e-4"],
+            [BRISTLES, "sensor_lowpass:time_constant=3e-4,poles=1"],
+        ),
         # A rail and a gap see the force with what makes the directions unlike.
         (
             "clean",

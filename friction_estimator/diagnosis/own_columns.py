@@ -22,6 +22,10 @@ from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.trace import STAGES
 
 
+PARTS = 4
+"""Parts of a sample period in which a filter of the force takes what acts before it as straight."""
+
+
 @dataclass(frozen=True)
 class Term:
     """One effect in a model: its class, its parameters and the coefficients of its columns."""
@@ -114,6 +118,7 @@ class OwnColumns:
         self.problem, self._context, self.chosen = problem, context, chosen
         self._last: tuple[list[tuple[str, dict[str, float]]], BaseProblem] | None = None
         self._moved: tuple[float, Features] | None = None
+        self._within: tuple[Features, list[Features]] | None = None
 
     @cached_property
     def _theory(self) -> Reference:
@@ -152,6 +157,26 @@ class OwnColumns:
             self._moved = late, self.problem.record.features_at(self.problem.config, late)
         return self._moved[1]
 
+    def moments(self, time: Term | None, features: Features) -> list[Features]:
+        """Return the features at the moments at which what acts before the time of the whole force is worked out.
+
+        For a filter these are some within each sample, the last one its own: after a reversal a column bends between
+        two samples, and a filter of a part of a sample sees the last part alone.
+        """
+        if time is None:
+            return [features]
+        if not time.effect.smooths:
+            return [self.at(time, features)]
+        if self._within is None or self._within[0] is not features:
+            late = (self.part_s * i for i in range(PARTS - 1, 0, -1))
+            self._within = features, [self.problem.record.features_at(self.problem.config, s) for s in late]
+        return [*self._within[1], features]
+
+    @property
+    def part_s(self) -> float:
+        """Time between two of these moments within a sample, s."""
+        return self._context.step_s / PARTS
+
     def _static(self, inside: Sequence[Term]) -> Floats:
         problem, time = self.problem, time_of(inside)
         here = problem.record.features
@@ -159,17 +184,23 @@ class OwnColumns:
         for term in inside:
             if term.effect.delays:
                 continue
-            features = here if time is None else self.at(time, here)
-            change = column = columns_of(term.effect, term.params, features, self._theory)
-            if (film := self.film(term, features, self._theory)) is not None:
-                at_film, at_now = (problem.tables.at(f.velocity_m_s, f.pressure_Pa) for f in (film.features, features))
-                change = film.share * (film.factor[:, None] * at_film - at_now)
-                change[:, :1] = column
-            if time is not None:
-                change = time.effect.smoothed(time.params, change, features)
+            change = [self._change(term, features) for features in self.moments(time, here)]
+            made = change[-1] if time is None else time.effect.smoothed(time.params, change, here, self.part_s)
             static = static.copy()
-            static[:, : change.shape[1]] += change
+            static[:, : made.shape[1]] += made
         return static
+
+    def _change(self, term: Term, features: Features) -> Floats:
+        """Return what a film that lags changes in the base's own columns, (n, m), or in the first one, (n, 1)."""
+        column = columns_of(term.effect, term.params, features, self._theory)
+        film = self.film(term, features, self._theory)
+        if film is None:
+            return column
+        tables = self.problem.tables
+        at_film, at_now = (tables.at(f.velocity_m_s, f.pressure_Pa) for f in (film.features, features))
+        change = film.share * (film.factor[:, None] * at_film - at_now)
+        change[:, :1] = column
+        return np.asarray(change)
 
     def film(self, term: Term, features: Features, reference: Reference) -> "OnFilm | None":
         """Return what a film that lags makes of what is not the theory's, or None where it makes nothing of it."""

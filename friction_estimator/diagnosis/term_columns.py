@@ -74,8 +74,16 @@ class TermColumns:
             return columns_of(term.effect, term.params, features.with_force(forces[term.name]), reference)
         if time is not None and not before(term.effect, time.effect):
             time = None
-        if time is not None and time.effect.late_s(time.params) != 0.0:
-            features = with_running_force(self._base.at(time, features), reference)
+        moments = self._base.moments(time, features)
+        parts = [self._at(term, terms, reference, self._with_force(f, features, reference)) for f in moments]
+        return parts[-1] if time is None else time.effect.smoothed(time.params, parts, features, self._base.part_s)
+
+    def _with_force(self, moment: Features, features: Features, reference: Reference) -> Features:
+        """Return the features of a moment with the base's force then."""
+        return moment if moment is features else with_running_force(moment, reference)
+
+    def _at(self, term: Term, terms: Sequence[Term], reference: Reference, features: Features) -> Floats:
+        """Return the columns of a term, (n, c), as they are at the moment of these features."""
         if term.effect.stage == STAGES[0]:
             made = self._on_bristles(term, terms, reference, features)
         else:
@@ -87,7 +95,7 @@ class TermColumns:
             made = made + film.share * (film.factor[:, None] * there - made)
         if term.effect.carries(term.params) and (lag := film_of(terms)) is not None:
             made = made * self._level_on_film(lag, features, reference)[:, None]
-        return made if time is None else time.effect.smoothed(time.params, made, features)
+        return made
 
     def _on_bristles(self, term: Term, terms: Sequence[Term], reference: Reference, features: Features) -> Floats:
         """Return the columns of a term of the friction law, (n, c), as bristles carry them.
@@ -107,7 +115,12 @@ class TermColumns:
 
     def _level_on_film(self, lag: Term, features: Features, reference: Reference) -> Floats:
         """Return the level that bristles carry on a film that lags over that at the velocity, (n,)."""
-        if self._levels is None or self._levels[0] is not features or self._levels[1] is not reference or self._levels[2] != lag.params:
+        if (
+            self._levels is None
+            or self._levels[0] is not features
+            or self._levels[1] is not reference
+            or self._levels[2] != lag.params
+        ):
             self._levels = features, reference, lag.params, lag.effect.level_on_film(lag.params, features, reference)
         return self._levels[3]
 

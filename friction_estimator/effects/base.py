@@ -5,7 +5,7 @@ diagnosis proposes for it (`grid`, `columns`), and what a test engineer should k
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
@@ -118,7 +118,7 @@ class Effect:
     about_curve : True where the effect says that the static curve F(v; p) is another one: a wrong theory may bring it.
         Clipping and bias are none of these: they would blame the sensor for it.
     delays : True where the effect is one time of the whole force, which the base's own memory can take up: the two are
-        compared by evidence.
+        compared by evidence. smooths : True where it filters what acts before it.
     in_theory : True where the effect moves the theory's own curve, so that its columns scale with the theory's gain;
         it has a `film`.
     scatters : True where the effect adds scatter rather than a mean.
@@ -149,6 +149,7 @@ class Effect:
     recorded: ClassVar[bool] = False
     about_curve: ClassVar[bool] = False
     delays: ClassVar[bool] = False
+    smooths: ClassVar[bool] = False
     in_theory: ClassVar[bool] = False
     scatters: ClassVar[bool] = False
     detects_at: ClassVar[str] = ""
@@ -237,9 +238,12 @@ class Effect:
         return 0.0
 
     @classmethod
-    def smoothed(cls, params: Params, columns: Floats, features: Features) -> Floats:  # noqa: ARG003
-        """Return what it makes of an earlier stage's columns, (n, c), beside that lateness; where it `delays`."""
-        return columns
+    def smoothed(cls, params: Params, parts: Sequence[Floats], features: Features, part_s: float) -> Floats:  # noqa: ARG003
+        """Return what it makes of an earlier stage's columns, (n, c), beside that lateness; where it `delays`.
+
+        `parts` are the columns at moments `part_s` apart, the last one that of the sample; one where it does not smooth.
+        """
+        return parts[-1]
 
     @classmethod
     def film(cls, params: Params, features: Features, reference: Reference) -> tuple[float, Floats] | None:

@@ -1,6 +1,6 @@
 """The time of the force channel against the velocity channel: late, filtered, or ahead."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import ClassVar
 
@@ -167,12 +167,13 @@ class SensorLowpass(Timing):
         tau, two = _pole(params)
         return tables.lagged(features, tau, two)
 
+    smooths = True
+
     @classmethod
-    def smoothed(cls, params: Params, columns: Floats, features: Features) -> Floats:
+    def smoothed(cls, params: Params, parts: Sequence[Floats], features: Features, part_s: float) -> Floats:
         """Return the lagged columns."""
         tau, two = _pole(params)
-        lagged = first_order(columns, features, tau)
-        return first_order(lagged, features, tau) if two else lagged
+        return first_order(parts, features, part_s, tau, two)
 
     refined = ("time_constant",)
 

@@ -5,7 +5,7 @@ change of the base itself: its static columns are evaluated at the velocity of a
 else is fitted anew. Columns come from tables over velocity and pressure; velocity is linear between samples.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,23 +84,51 @@ def shifted(values: Floats, features: Features, late_s: float) -> Floats:
     return out
 
 
-def first_order(columns: Floats, features: Features, time_constant_s: float) -> Floats:
-    """Return the first-order lag of columns (n, c), linear between samples; each piece starts in equilibrium."""
-    out = np.empty(columns.shape)
-    _first_order(features.step_s, np.ascontiguousarray(columns), time_constant_s, out)
+def first_order(
+    parts: Sequence[Floats], features: Features, part_s: float, time_constant_s: float, twice: bool = False
+) -> Floats:
+    """Return the first-order lag of columns, or two equal ones in series, (n, c); each piece starts in equilibrium.
+
+    Parameters
+    ----------
+    parts : the columns, (n, c) each, at moments `part_s` apart of which the last one is that of the sample; linear
+        between them. Where samples are closer than the first of these moments the last one alone counts.
+    """
+    out = np.empty(parts[-1].shape)
+    _first_order(features.step_s, np.array(parts), part_s, time_constant_s, twice, out)
     return out
 
 
 @njit(cache=True)
-def _first_order(step, values, tau, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    for k in range(values.shape[0]):
-        if k == 0 or step[k] <= 0.0:
-            out[k] = values[k]
-            continue
-        decay = np.exp(-step[k] / tau)
-        for c in range(values.shape[1]):
-            lag = (values[k, c] - values[k - 1, c]) / step[k] * tau
-            out[k, c] = values[k, c] - lag + (out[k - 1, c] - values[k - 1, c] + lag) * decay
+def _first_order(step, parts, part_s, tau, twice, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    count, width = parts.shape[0], parts.shape[2]
+    state, second, last = np.zeros(width), np.zeros(width), np.zeros(width)
+    for k in range(parts.shape[1]):
+        begins = k == 0 or step[k] <= 0.0
+        first = step[k] - (count - 1) * part_s
+        for s in range(0 if first > 0.0 and not begins else count - 1, count):
+            dt = part_s if s > 0 else first
+            if first <= 0.0:
+                dt = step[k]
+            decay = 0.0 if begins else np.exp(-dt / tau)
+            for c in range(width):
+                now = parts[s, k, c]
+                if begins:
+                    state[c], second[c] = now, now
+                else:
+                    _lag(state, second, c, last[c], now, dt, tau, decay)
+                last[c] = now
+        for c in range(width):
+            out[k, c] = second[c] if twice else state[c]
+
+
+@njit(cache=True)
+def _lag(state, second, c, last, now, dt, tau, decay):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Take the lag of a value that goes straight from `last` to `now`, and the lag of that lag, a step further."""
+    slope = (now - last) / dt
+    away = state[c] - last + slope * tau
+    second[c] = now - 2.0 * slope * tau + (second[c] - last + 2.0 * slope * tau + away * dt / tau) * decay
+    state[c] = now - slope * tau + away * decay
 
 
 @njit(cache=True)
@@ -179,12 +207,7 @@ def _lagged(step, previous, velocity, pressure, tau, twice, values, pressures, b
             i, part, j, q = _place(pressures, bend, reach, steps, v, pressure[k])
             _row(values, i, part, j, q, now)
             for c in range(width):
-                slope = (now[c] - last[c]) / dt
-                away = state[c] - last[c] + slope * tau
-                second[c] = (
-                    now[c] - 2.0 * slope * tau + (second[c] - last[c] + 2.0 * slope * tau + away * dt / tau) * decay
-                )
-                state[c] = now[c] - slope * tau + away * decay
+                _lag(state, second, c, last[c], now[c], dt, tau, decay)
                 last[c] = now[c]
         for c in range(width):
             out[k, c] = second[c] if twice else state[c]
