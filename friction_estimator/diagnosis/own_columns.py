@@ -21,7 +21,6 @@ from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.trace import STAGES
 
-
 PARTS = 4
 """Parts of a sample period in which a filter of the force takes what acts before it as straight."""
 

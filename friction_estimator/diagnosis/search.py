@@ -327,10 +327,9 @@ class Searcher:
         top = max((c.gain for c in fits.values()), default=0.0)
         if top <= 0.0:
             return None
-        # Those that come close are compared in the form that suits each best, and so are times of the whole force with
-        # one of them: where the base's memory has taken up nearly all, what a plain form gets wrong is all that is left.
-        plain = dict(fits)
-        times = max(fits.values(), key=lambda c: c.gain).effect.delays
+        # Those that come close are compared in the form that suits each best; so are times of the whole force with one
+        # of them: where the base's memory has taken up nearly all, what a plain form gets wrong is all that is left.
+        plain, times = dict(fits), max(fits.values(), key=lambda c: c.gain).effect.delays
         near = [c for c in fits.values() if c.gain > CLOSE * top or (times and c.effect.delays)]
         fits |= {c.name: self.fits.shaped(model, c) for c in near}
         best = plainest(max(fits.values(), key=lambda c: c.gain), list(fits.values()))

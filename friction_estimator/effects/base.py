@@ -241,7 +241,7 @@ class Effect:
     def smoothed(cls, params: Params, parts: Sequence[Floats], features: Features, part_s: float) -> Floats:  # noqa: ARG003
         """Return what it makes of an earlier stage's columns, (n, c), beside that lateness; where it `delays`.
 
-        `parts` are the columns at moments `part_s` apart, the last one that of the sample; one where it does not smooth.
+        `parts` are the columns at moments `part_s` apart, the last one that of the sample; one unless it smooths.
         """
         return parts[-1]
 
