@@ -360,17 +360,18 @@ class Searcher:
     def _ahead(self, best: Candidate, fits: Mapping[str, Candidate], plain: Mapping[str, Candidate]) -> Candidate:
         """Return the candidate that explains most together with the cause that would come after it.
 
-        Looked at only where another family comes close, or the best one in its `plain` form, and the best one leaves
-        more than noise: another form of a cause may make up for half of what a second cause does. What was recorded is
-        not given up for what nobody saw. A cause more must bring its share, and a parameter more what it brings beyond
-        chance.
+        Looked at only where another family or time of the whole force comes close, or the best one in its `plain` form,
+        and the best one leaves more than noise: another form of a cause may make up for half of what a second cause
+        does. What was recorded is not given up for what nobody saw. A cause more must bring its share, and a parameter
+        more what it brings beyond chance.
         """
         if best.effect.recorded:
             return best
         close = [
             c
             for c in sorted(fits.values(), key=lambda c: -c.gain)
-            if c.effect.family != best.effect.family and c.gain > CLOSE * best.gain
+            if c.name != best.name and c.gain > CLOSE * best.gain
+            if c.effect.family != best.effect.family or c.effect.delays
         ]
         first = plain.get(best.name, best)
         options = [best] if first is best else [best, first]
