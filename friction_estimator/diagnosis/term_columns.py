@@ -11,7 +11,7 @@ import numpy as np
 
 from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.library import columns_of, with_running_force
-from friction_estimator.diagnosis.own_columns import OnFilm, OwnColumns, Term, before, film_of, time_of
+from friction_estimator.diagnosis.own_columns import PARTS, OnFilm, OwnColumns, Term, before, film_of, time_of
 from friction_estimator.effects.features import Features
 from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.shapes import level, sliding
@@ -33,7 +33,8 @@ class TermColumns:
     def __init__(self, base: OwnColumns) -> None:
         self._base = base
         self.forces: tuple[Features, dict[str, Floats]] | None = None
-        self._film: tuple[Features, dict[str, float], OnFilm | None] | None = None
+        self._films: dict[int, tuple[Features, dict[str, float], OnFilm | None]] = {}
+        self._forced: tuple[Reference, list[Features], list[Features]] | None = None
         self._lacking: tuple[Features, Term, Floats] | None = None
         self._levels: tuple[Features, Reference, dict[str, float], Floats] | None = None
 
@@ -74,13 +75,19 @@ class TermColumns:
             return columns_of(term.effect, term.params, features.with_force(forces[term.name]), reference)
         if time is not None and not before(term.effect, time.effect):
             time = None
-        moments = self._base.moments(time, features)
-        parts = [self._at(term, terms, reference, self._with_force(f, features, reference)) for f in moments]
+        parts = [self._at(term, terms, reference, moment) for moment in self._moments(time, reference, features)]
         return parts[-1] if time is None else time.effect.smoothed(time.params, parts, features, self._base.part_s)
 
-    def _with_force(self, moment: Features, features: Features, reference: Reference) -> Features:
-        """Return the features of a moment with the base's force then."""
-        return moment if moment is features else with_running_force(moment, reference)
+    def _moments(self, time: Term | None, reference: Reference, features: Features) -> list[Features]:
+        """Return the features of `OwnColumns.moments` with the base's force; the last ones made are kept."""
+        if time is None:
+            return [features]
+        moments = self._base.moments(time, features)
+        kept = self._forced
+        if kept is None or kept[0] is not reference or list(map(id, kept[1])) != list(map(id, moments)):
+            made = [m if m is features else with_running_force(m, reference) for m in moments]
+            kept = self._forced = reference, moments, made
+        return kept[2]
 
     def _at(self, term: Term, terms: Sequence[Term], reference: Reference, features: Features) -> Floats:
         """Return the columns of a term, (n, c), as they are at the moment of these features."""
@@ -125,10 +132,13 @@ class TermColumns:
         return self._levels[3]
 
     def _on_film(self, lag: Term, features: Features, reference: Reference) -> OnFilm | None:
-        """Return what follows a film that lags, with the running force there; the last one made is kept."""
-        if self._film is None or self._film[0] is not features or self._film[1] != lag.params:
+        """Return what follows a film that lags, with the running force there; those of the last moments are kept."""
+        kept = self._films.get(id(features))
+        if kept is None or kept[0] is not features or kept[1] != lag.params:
             film = self._base.film(lag, features, reference)
             if film is not None:
                 film = replace(film, features=with_running_force(film.features, reference))
-            self._film = features, lag.params, film
-        return self._film[2]
+            if len(self._films) >= PARTS:
+                self._films.clear()
+            kept = self._films[id(features)] = features, lag.params, film
+        return kept[2]
