@@ -17,19 +17,11 @@ from typing import BinaryIO
 
 import numpy as np
 
+from friction_estimator.bag.batches import NOTHING_BEHIND, DamagedError, Indexed, Timed
 from friction_estimator.bag.budget import TooLargeError, unpack
 from friction_estimator.bag.messages import Messages, Rows
 from friction_estimator.bag.placed import ASTRAY, HEAD, LONGER, OUTSIDE, Placed, heads
 from friction_estimator.core.sample import Ints
-
-Batch = tuple[str, Ints, Messages]
-"""Topic, time of recording (ns, one a message), payloads of equal or of any lengths."""
-
-Timed = tuple[Batch, int]
-"""A batch, and a time of recording (ns) before which nothing comes in the batches behind it, as the file says."""
-
-NOTHING_BEHIND = 2**63 - 1
-"""The time that goes with the last batch."""
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -51,10 +43,6 @@ _WRONG = {
 }
 
 
-class DamagedError(ValueError):
-    """The file contradicts itself; says where."""
-
-
 @dataclass(frozen=True)
 class _Chunk:
     """A chunk's place in the file and the places of its message indices, by channel."""
@@ -71,14 +59,6 @@ class _Chunk:
 class _Summary:
     topics: dict[int, str]  # by channel
     chunks: list[_Chunk]
-
-
-@dataclass(frozen=True)
-class Indexed:
-    """The messages of a file by its index: the first time of recording that it declares, ns, and the batches."""
-
-    first_ns: int
-    batches: Iterator[Timed]
 
 
 def indexed(path: Path, topics: Collection[str]) -> Indexed | None:

@@ -7,8 +7,8 @@ from pathlib import Path, PurePath
 
 import numpy as np
 
+from friction_estimator.bag.batches import ANYTHING_BEHIND, NOTHING_BEHIND
 from friction_estimator.bag.joint_arrays import CHOOSE_JOINT, holds_a_joint
-from friction_estimator.bag.mcap import NOTHING_BEHIND
 from friction_estimator.bag.merge import Events, Merge, Part, joined, recorded_order
 from friction_estimator.bag.messages import (
     EXTRACTORS,
@@ -21,7 +21,7 @@ from friction_estimator.bag.messages import (
 )
 from friction_estimator.bag.motion import recorded_motion
 from friction_estimator.bag.recording import Heard, Outline, Recording, Stream
-from friction_estimator.bag.source import ANYTHING_BEHIND, Source, Topic
+from friction_estimator.bag.source import Source, Topic
 from friction_estimator.bag.topics import JOINT_STATE, JOINT_STATES, REQUIRED, Assignment, Probe, assign
 from friction_estimator.core.errors import FrictionEstimatorError, InputError, UnanswerableError
 from friction_estimator.core.intake.pairing import LARGEST_VALUE

@@ -13,13 +13,12 @@ from types import TracebackType
 import numpy as np
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag1.reader import decompressors as unpackers1
-from rosbags.rosbag2 import Reader as Reader2
 from rosbags.rosbag2.storage_mcap import DECOMPRESSORS as UNPACKERS2
 
-from friction_estimator.bag import mcap
+from friction_estimator.bag import db3, mcap
+from friction_estimator.bag.batches import ANYTHING_BEHIND, NOTHING_BEHIND, Indexed, Timed
 from friction_estimator.bag.budget import unpack
 from friction_estimator.bag.lfs import check_no_pointer
-from friction_estimator.bag.mcap import NOTHING_BEHIND, Timed
 from friction_estimator.bag.messages import Rows
 from friction_estimator.bag.placed import Placed
 from friction_estimator.bag.prepared import prepared
@@ -30,14 +29,14 @@ from friction_estimator.core.text import is_utf8
 BATCH = 8192
 """Messages handed on at a time: bounds the memory of a pass over a recording."""
 
-ANYTHING_BEHIND = -(2**63)
-"""The time that goes with a batch where nobody knows what the batches behind it hold."""
-
 STORAGE_SUFFIXES = (".mcap", ".db3", ".bag")
 _PARTS = (*STORAGE_SUFFIXES, ".zstd", ".yaml")
 """Endings of the files in the folder of a recording."""
 
 TABLE_SUFFIXES = (".csv", ".mat", ".npz", ".parquet")
+
+_INDEXED = {".mcap": mcap.indexed, ".db3": db3.indexed}
+"""The fast way through a file, by its ending."""
 
 _EXPECTED = "expected a folder with metadata.yaml, or an .mcap, .db3 or .bag file"
 
@@ -90,7 +89,7 @@ class Source:
             with ExitStack() as stack:
                 self._prepared = prepared(self.path, stack)
                 path = self._prepared.path
-                self._reader: Reader1 | Reader2 = Reader1(path) if self.ros1 else Reader2(path)
+                self._reader: Reader1 | db3.RecordingReader = Reader1(path) if self.ros1 else db3.RecordingReader(path)
                 self._reader.open()
                 stack.callback(self._reader.close)
                 self._stack = stack.pop_all()
@@ -170,9 +169,9 @@ class Source:
 
     def _indexed(self, topics: Collection[str]) -> Iterator[Timed] | None:
         """Return the fast way through every file of the recording, where all of them have one."""
-        if any(file.suffix != ".mcap" for file in self._prepared.files):
+        if any(file.suffix not in _INDEXED for file in self._prepared.files):
             return None
-        parts = [mcap.indexed(file, topics) for file in self._prepared.files]
+        parts = [_INDEXED[file.suffix](file, topics) for file in self._prepared.files]
         ways = [part for part in parts if part is not None]
         return _one_after_the_other(ways) if ways and len(ways) == len(parts) else None
 
@@ -195,10 +194,10 @@ class Source:
         yield from _emptied(boxes, NOTHING_BEHIND)
 
 
-def _one_after_the_other(files: list[mcap.Indexed]) -> Iterator[Timed]:
+def _one_after_the_other(files: list[Indexed]) -> Iterator[Timed]:
     """Yield the batches of files."""
     behind = NOTHING_BEHIND
-    waiting: list[tuple[mcap.Indexed, int]] = []
+    waiting: list[tuple[Indexed, int]] = []
     for file in reversed(files):
         waiting.append((file, behind))
         behind = min(behind, file.first_ns)

@@ -1,0 +1,249 @@
+"""Recordings of the storage sqlite3 (.db3): opened without counting their messages, and read a page of them at a time.
+
+SQLite joins the payloads of a page and writes times, topics and lengths of its messages behind each other: one row is
+handed to Python where rosbags takes one a message (docs/decisions/0147). The tables are rosbag2_storage_sqlite3's.
+"""
+
+import sqlite3
+from collections.abc import Collection, Generator, Iterator
+from contextlib import closing
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
+from rosbags.rosbag2 import Reader
+from rosbags.rosbag2.metadata import ReaderMetadata, parse_qos
+from rosbags.rosbag2.reader import DirectoryReader
+
+from friction_estimator.bag.batches import NOTHING_BEHIND, DamagedError, Indexed, Timed
+from friction_estimator.bag.messages import Messages, Rows
+from friction_estimator.bag.placed import Placed
+from friction_estimator.core.sample import Ints
+
+PAGE = 8192
+"""Messages of a page on all topics, but for more of one and the same time."""
+
+PAGE_BYTES = 16 * 2**20
+"""Bytes of payload that a page is meant to have, at most."""
+
+_FIRST_PAGE = 64
+"""Messages of the first page: nobody knows yet how long they are. The next ones are at most twice as long each."""
+
+_BEHIND = "SELECT timestamp FROM messages INDEXED BY {index} WHERE timestamp >= ? ORDER BY timestamp LIMIT 1 OFFSET ?"
+
+_LATER = "SELECT min(timestamp) FROM messages INDEXED BY {index} WHERE timestamp > ?"
+
+_PAGE = """
+SELECT count(*), group_concat(data, ''), group_concat(length(data)), group_concat(timestamp), group_concat(topic_id)
+FROM messages INDEXED BY {index} WHERE timestamp BETWEEN ? AND ? AND +topic_id IN ({topics})
+"""
+
+_UNKNOWN = MessageDefinition(MessageDefinitionFormat.NONE, "")
+
+
+class Storage:
+    """One file, as rosbags asks for the messages of its storages.
+
+    rosbags' own counts the messages of each topic by a join when it opens a file, which takes as long as to read all
+    of them here. In a folder nobody asks for these numbers: metadata.yaml has them.
+
+    Parameters
+    ----------
+    path : the file.
+    """
+
+    counted = False
+    """Whether opening counts the messages."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.connections: list[Connection] = []
+        self.metadata = ReaderMetadata(0, 2**63 - 1, 0, 0, None, None, None, None)
+        self._database: sqlite3.Connection | None = None
+
+    def open(self) -> None:
+        """Read the topics. Raises DamagedError or sqlite3.Error where it is no recording."""
+        self._database = _opened(self.path)
+        try:
+            self._read_topics(self._database)
+        except BaseException:
+            self.close()
+            raise
+
+    def _read_topics(self, database: sqlite3.Connection) -> None:
+        _columns(database, "messages")
+        own = _columns(database, "topics")
+        # Older versions of rosbag2 have no such columns.
+        optional = [name if name in own else "''" for name in ("offered_qos_profiles", "type_description_hash")]
+        wanted = ", ".join(["id", "name", "type", "serialization_format", *optional])
+        topics = database.execute(f"SELECT {wanted} FROM topics ORDER BY id").fetchall()
+        counts: dict[int, int] = {}
+        if self.counted:
+            counts = dict(database.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id"))
+            self.metadata = _span(database, sum(counts.values()))
+        for number, name, kind, form, qos, digest in topics:
+            about = ConnectionExtRosbag2(form, parse_qos(qos))
+            count = counts.get(number, 0)
+            self.connections.append(Connection(number, name, kind, _UNKNOWN, digest, count, about, self))
+
+    def close(self) -> None:
+        """Let go of the file."""
+        if self._database is not None:
+            self._database.close()
+        self._database = None
+
+    def messages(
+        self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
+    ) -> Generator[tuple[Connection, int, bytes], None, None]:
+        """Yield connection, time of recording (ns) and payload of messages in the order of time."""
+        assert self._database is not None
+        own = {item.id: item for item in connections}
+        conditions, values = [f"topic_id IN ({_marks(own)})"], list(own)
+        for comparison, limit in (("timestamp >= ?", start), ("timestamp < ?", stop)):
+            if limit is not None:
+                conditions.append(comparison)
+                values.append(limit)
+        query = f"SELECT topic_id, timestamp, data FROM messages WHERE {' AND '.join(conditions)} ORDER BY timestamp"
+        for number, time_ns, payload in self._database.execute(query, values):
+            yield own[number], time_ns, payload
+
+
+class CountedStorage(Storage):
+    """A file without metadata.yaml: how many messages it holds is counted."""
+
+    counted = True
+
+
+class _Folder(DirectoryReader):
+    STORAGE_PLUGINS = MappingProxyType({**DirectoryReader.STORAGE_PLUGINS, "sqlite3": Storage})
+
+
+class RecordingReader(Reader):
+    """rosbags' reader of ROS 2 recordings, with .db3 files opened as here."""
+
+    STORAGE_PLUGINS = MappingProxyType({**Reader.STORAGE_PLUGINS, "dir": _Folder, ".db3": CountedStorage})
+
+
+def indexed(path: Path, topics: Collection[str]) -> Indexed | None:
+    """Return the messages of some topics page by page in the order of time; None where no index leads to them so.
+
+    Raises
+    ------
+    DamagedError or sqlite3.Error, here or while iterating, where the file is damaged.
+    """
+    with closing(_opened(path)) as database:
+        index = _index_of_times(database)
+        (encoding,) = database.execute("PRAGMA encoding").fetchone()
+        if index is None or encoding != "UTF-8":  # joined payloads would be taken for text of another encoding
+            return None
+        names = {number: name for number, name in database.execute("SELECT id, name FROM topics") if name in topics}
+        return Indexed(_span(database, 0).start_time, _pages(path, index, names))
+
+
+def _opened(path: Path) -> sqlite3.Connection:
+    """Return a file as it is: what stands in journals beside it was put into a copy before (`write_ahead`).
+
+    It may be opened in one thread and read in another.
+    """
+    return sqlite3.connect(f"file:{quote(str(path))}?mode=ro&immutable=1", uri=True, check_same_thread=False)
+
+
+def _columns(database: sqlite3.Connection, table: str) -> list[str]:
+    """Return the columns of a table. Raises DamagedError where there is none."""
+    if database.execute("SELECT type FROM sqlite_master WHERE name = ?", (table,)).fetchone() != ("table",):
+        raise DamagedError(f"it has no table {table!r}")
+    return [name for _, name, *_ in database.execute(f"PRAGMA table_info({table})")]
+
+
+def _index_of_times(database: sqlite3.Connection) -> str | None:
+    """Return an index of all messages by their time."""
+    for _, name, _, _, partial in database.execute("PRAGMA index_list(messages)").fetchall():
+        leading = database.execute(f"PRAGMA index_info({_quoted(name)})").fetchone()
+        if leading is not None and leading[2] == "timestamp" and not partial:
+            return str(name)
+    return None
+
+
+def _span(database: sqlite3.Connection, count: int) -> ReaderMetadata:
+    """Return what rosbags keeps of times: the first, and a moment after the last, ns. Raises DamagedError."""
+    (first,) = database.execute("SELECT min(timestamp) FROM messages").fetchone()
+    (last,) = database.execute("SELECT max(timestamp) FROM messages").fetchone()
+    if first is None:
+        return ReaderMetadata(0, NOTHING_BEHIND, 0, count, None, None, None, None)
+    if not isinstance(first, int) or not isinstance(last, int):  # text is behind all numbers
+        raise DamagedError("a message has a time that is no integer")
+    return ReaderMetadata(last + 1 - first, first, last + 1, count, None, None, None, None)
+
+
+def _pages(path: Path, index: str, topics: dict[int, str]) -> Iterator[Timed]:
+    """Yield the messages of topics by number, a batch for each topic of a page."""
+    names = {"index": _quoted(index), "topics": _marks(topics)}
+    behind_of, later_than, page_of = (query.format(**names) for query in (_BEHIND, _LATER, _PAGE))
+    rows, from_ns = _FIRST_PAGE, -(2**63)
+    with closing(_opened(path)) as database:
+        database.text_factory = bytes
+        while from_ns != NOTHING_BEHIND:
+            (behind_ns,) = database.execute(behind_of, (from_ns, rows)).fetchone() or (None,)
+            if behind_ns == from_ns:
+                (behind_ns,) = database.execute(later_than, (from_ns,)).fetchone()
+            behind_ns = NOTHING_BEHIND if behind_ns is None else behind_ns
+            if behind_ns <= from_ns:
+                raise DamagedError("its index of times is wrong")
+            try:
+                page = database.execute(page_of, (from_ns, behind_ns - 1, *topics)).fetchone()
+            except sqlite3.DataError:  # longer than a value of SQLite may be
+                if rows == 1:
+                    raise
+                rows //= 2
+                continue
+            longest = yield from _batches(page, topics, behind_ns)
+            rows = max(1, min(PAGE, 2 * rows, PAGE_BYTES // max(1, longest)))
+            from_ns = behind_ns
+
+
+def _batches(page: tuple[Any, ...], topics: dict[int, str], behind_ns: int) -> Generator[Timed, None, int]:
+    """Yield the batches of a page, and return the length of its longest message, bytes."""
+    count, payloads, *columns = page
+    if not count:
+        return 0
+    lengths, times, numbers = (_integers(column, count) for column in columns)
+    if lengths.min() < 0 or lengths.sum() != len(payloads):
+        raise DamagedError("a message is no sequence of bytes")
+    if np.any(times[1:] < times[:-1]):
+        raise DamagedError("its index of times is wrong")
+    records, starts = np.frombuffer(payloads, np.uint8), np.cumsum(lengths) - lengths
+    held = [number for number in topics if np.any(numbers == number)]
+    for number in held:
+        own = numbers == number
+        batch = topics[number], times[own], _messages(records, starts[own], lengths[own])
+        yield batch, behind_ns if number == held[-1] else int(times[0])
+    return int(lengths.max())
+
+
+def _integers(column: bytes | None, count: int) -> Ints:
+    """Return the numbers of a column of a page, (count,). Raises DamagedError where they are not so many integers."""
+    values = np.zeros(0, np.int64)
+    if column is not None and not column.translate(None, b"0123456789-,"):
+        values = np.fromstring(column, np.int64, sep=",")
+    if values.size != count:
+        raise DamagedError("a message lacks its time, topic or payload")
+    return values
+
+
+def _messages(records: Rows, starts: Ints, lengths: Ints) -> Messages:
+    """Return some of the payloads that are joined in `records`."""
+    if np.all(lengths == lengths[0]):
+        return Placed(records, starts, int(lengths[0]))
+    ends = (starts + lengths).tolist()
+    return [records[start:end].tobytes() for start, end in zip(starts.tolist(), ends, strict=True)]
+
+
+def _marks(values: Collection[int]) -> str:
+    return ", ".join("?" * len(values))
+
+
+def _quoted(name: str) -> str:
+    return '"' + name.replace('"', '""') + '"'
