@@ -3,6 +3,7 @@
 rosbags reads the file as well, with a parser that follows merges without limit. So it is checked here, before.
 """
 
+from collections.abc import Mapping
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -89,9 +90,6 @@ def information(folder: Path) -> dict[str, Any]:
     return about
 
 
-def storage_files(folder: Path) -> list[Path]:
-    """Return the files of the recording in a folder, in order; they lie in it, whatever its metadata says.
-
-    Raises InputError as `information` does.
-    """
-    return [folder / PurePath(name).name for name in information(folder)["relative_file_paths"]]
+def storage_files(folder: Path, about: Mapping[str, Any]) -> list[Path]:
+    """Return the files of the recording in a folder, in order; they lie in it, whatever its `information` says."""
+    return [folder / PurePath(name).name for name in about["relative_file_paths"]]

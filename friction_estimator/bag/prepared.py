@@ -48,7 +48,7 @@ def prepared(path: Path, stack: ExitStack) -> Prepared:
         return _with_journals(Prepared(path, (path,)), stack)
     about = metadata.information(path)
     mode = str(about.get("compression_mode", "")).lower()
-    files = tuple(metadata.storage_files(path))
+    files = tuple(metadata.storage_files(path, about))
     for file in files:
         if file.exists() and not file.is_file():  # a pipe would be waited for, for ever
             raise InputError(f"{path} is damaged: {file.name} is no regular file; run `ros2 bag reindex {path}`")

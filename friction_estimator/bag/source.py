@@ -123,8 +123,13 @@ class Source:
     def first(self, topic: str) -> bytes | None:
         """Return the first message of a topic; None where it has none. Raises InputError as `batches` does."""
         with _readable(self.path):
-            chosen = [item for item in self._reader.connections if item.topic == topic]
-            raw = next((raw for _, _, raw in self._reader.messages(connections=chosen)), None) if chosen else None
+            indexed = self._indexed([topic])
+            if indexed is not None:
+                found = next((messages for (_, _, messages), _ in indexed if len(messages)), None)
+                raw = found.first() if isinstance(found, Placed) else None if found is None else bytes(found[0])
+            else:
+                chosen = [item for item in self._reader.connections if item.topic == topic]
+                raw = next((raw for _, _, raw in self._reader.messages(connections=chosen)), None) if chosen else None
             return raw if raw is None else self._unpacked(raw)
 
     def messages(self, topics: Collection[str], start_ns: int | None = None) -> Iterator[tuple[str, int, bytes]]:

@@ -77,8 +77,8 @@ def _run(args: argparse.Namespace, output: common.Output) -> int:
         config = config.updated({"input.joint": ""})
     quantities = config.quantities
     motions: dict[str, str] = {}
-    with Source(args.bag) as source:
-        topics = source.topics
+    source = Source(args.bag)
+    topics = source.topics
     result: dict[str, Any] = {"schema": SCHEMA, "bag": args.bag, "topics": [], "inputs": {}, "problem": None}
     result["joint_states"] = []
     inputs: dict[str, list[str]] = {}
@@ -87,7 +87,7 @@ def _run(args: argparse.Namespace, output: common.Output) -> int:
     said: dict[str, list[str]] = {}
     try:
         looking = progress("looking for joints", unit="messages")
-        with about(args.bag), looking as advance, Source(args.bag) as source:
+        with about(args.bag), looking as advance, source:
             found = survey(source, progress=advance)
             motions = {name: _motion(source, config, name) for each in found for name in each.joints}
         with about(args.bag), progress("reading", unit="messages") as advance:

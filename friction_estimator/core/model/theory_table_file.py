@@ -12,7 +12,6 @@ import numpy as np
 
 from friction_estimator.core.errors import ConfigError, InputError
 from friction_estimator.core.model.oil import KELVIN, checked_temperature
-from friction_estimator.core.model.theory_scatter import LEAST_ROWS, Rows, smoothed
 from friction_estimator.core.model.theory_seal import LOWEST_GAUGE_PRESSURE_PA
 from friction_estimator.core.model.theory_table import Grid
 from friction_estimator.core.regular_file import read_regular
@@ -45,6 +44,9 @@ def read_table(path: str | os.PathLike[str]) -> Grid:
         cannot be read, a column is missing, an entry is no finite number, a temperature lies outside -40 to
         150 degC or a gauge pressure below vacuum, a point of a grid occurs twice or not at all.
     """
+    # scipy's sparse solvers take 0.1 s, and few runs read a table
+    from friction_estimator.core.model.theory_scatter import LEAST_ROWS, Rows, smoothed  # noqa: PLC0415
+
     source = Path(path)
     try:
         text = read_regular(source, LARGEST_BYTES).decode("utf-8-sig")
