@@ -23,6 +23,7 @@ import numba
 from numba.core import event
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator, _SourceFileBackedLocatorMixin
 from numba.core.dispatcher import Dispatcher
+from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 from numba.np import linalg
 
@@ -131,8 +132,8 @@ def private_folder() -> Path | None:
     return folder if own else None
 
 
-# Whether there is a BLAS numba finds out by importing scipy.linalg: 0.1 s of every start. scipy is a requirement here, and
-# what a compiled form calls of it is looked up when it is called.
+# Whether there is a BLAS numba finds out by importing scipy.linalg: 0.1 s of every start. scipy is a requirement here,
+# and what a compiled form calls of it is looked up when it is called.
 linalg.ensure_blas = lambda: None
 
 
@@ -184,9 +185,14 @@ class _CheckedCache(FunctionCache):  # type: ignore[misc]
         self._cache_file = _Files(self._impl.locator.readable, self._impl.filename_base, _stamp(function))
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return a compiled form, None where there is none that can be used."""
+        """Return a compiled form, None where there is none that can be used.
+
+        numba's own method first makes ready what a compiler needs, a quarter of every start; whatever is compiled makes
+        that ready itself, and what was compiled needs no more than numba's memory management.
+        """
         try:
-            return super().load_overload(sig, target_context)
+            rtsys.initialize(target_context)
+            return self._load_overload(sig, target_context)
         except Exception:  # whatever numba or pickle say of it: compiling anew is always possible
             return None
 

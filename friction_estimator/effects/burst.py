@@ -8,7 +8,7 @@ times the shift: the first samples are left out, and the second cycle is taken a
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import stdtr
+import scipy  # its parts are loaded where they are first used: 0.1 s of a start
 
 from friction_estimator.core.sample import Bools, Floats, Ints
 from friction_estimator.effects.detection import DataView
@@ -115,7 +115,10 @@ def find_burst(view: DataView) -> Burst | None:
     late = since > min(LATE * LEFT_OUT * view.context.step_s, 0.5 * decay)
     slope, error, several = _mean_slope(np.exp(-2.0 * since[late] / decay), capped[late], block[late])
     later = slope / max(error, 1e-300) if several >= FEWEST_BLOCKS else 0.0
-    p_values = [float(stdtr(count - 1, -t_value)), float(stdtr(max(several, 2) - 1, -later))]
+    p_values = [
+        float(scipy.special.stdtr(count - 1, -t_value)),
+        float(scipy.special.stdtr(max(several, 2) - 1, -later)),
+    ]
     return _burst_of(since, power, min(1.0, len(DECAYS_S) * max(p_values)))
 
 

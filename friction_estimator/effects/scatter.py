@@ -3,7 +3,7 @@
 from itertools import pairwise
 
 import numpy as np
-from scipy.special import stdtrit
+import scipy  # its parts are loaded where they are first used: 0.1 s of a start
 
 from friction_estimator.core.sample import Bools, Floats, Ints
 from friction_estimator.effects.detection import DataView
@@ -61,7 +61,7 @@ def lattice_interval(values: Floats, step: float) -> tuple[float, float, float]:
     fitted = float(centred @ distinct) / energy
     rest = distinct - distinct.mean() - fitted * centred
     spread = float(np.sqrt(rest @ rest / max(rest.size - 2, 1) / energy))
-    reach = float(stdtrit(max(rest.size - 2, 1), 0.975)) * spread + 1e-9 * fitted
+    reach = float(scipy.special.stdtrit(max(rest.size - 2, 1), 0.975)) * spread + 1e-9 * fitted
     return fitted, fitted - reach, fitted + reach
 
 
@@ -122,7 +122,7 @@ def noise_under(values: Floats, restart: Bools, blocks: int = 12) -> tuple[float
     if power <= 0.0:
         return None
     deviation = float(np.sqrt(power))
-    reach = float(np.hypot(stdtrit(blocks - 1, 0.975) * error / (2.0 * deviation), SHORTENED * deviation))
+    reach = float(np.hypot(scipy.special.stdtrit(blocks - 1, 0.975) * error / (2.0 * deviation), SHORTENED * deviation))
     return deviation, deviation - reach, deviation + reach
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.special import gammainccinv, gammaincinv
+import scipy  # its parts are loaded where they are first used: 0.1 s of a start
 
 from friction_estimator.core.sample import Floats, Ints
 
@@ -83,7 +83,7 @@ class Spectrum:
 
     def threshold(self, level: float) -> float:
         """Return the height that noise exceeds anywhere with this probability (Gamma distributed powers)."""
-        return float(gammainccinv(self.freedom, level / (TRIALS * self.samples)) / self.freedom)
+        return float(scipy.special.gammainccinv(self.freedom, level / (TRIALS * self.samples)) / self.freedom)
 
     def at(self, frequency_hz: float) -> float:
         """Return the largest height within half an independent frequency."""
@@ -129,7 +129,7 @@ def spectrum(residual: Floats, time_s: Floats, step_s: float) -> Spectrum | None
     # The median copies its windows: some of them at a time.
     medians = [np.median(windows[k : k + WINDOWS], axis=1) for k in range(0, len(windows), WINDOWS)]
     middle = np.concatenate(medians)
-    floor = np.maximum(np.repeat(middle / (gammaincinv(freedom, 0.5) / freedom), group), 1e-300)
+    floor = np.maximum(np.repeat(middle / (scipy.special.gammaincinv(freedom, 0.5) / freedom), group), 1e-300)
     frequency: Floats = np.asarray(np.fft.rfftfreq(size, step_s)[: floor.size], np.float64)
     height = power[: floor.size] / floor
     height[frequency < SLOWEST / (samples * step_s)] = 0.0
@@ -248,10 +248,12 @@ def ripple_wavelengths(
     sides = np.lib.stride_tricks.sliding_window_view(np.pad(power, 4 * BESIDE, mode="edge"), 4 * BESIDE)
     median = np.median(sides, axis=1)
     freedom = float(len(powers))
-    floor = np.maximum(median[: power.size], median[-power.size :]) / (gammaincinv(freedom, 0.5) / freedom)
+    floor = np.maximum(median[: power.size], median[-power.size :]) / (
+        scipy.special.gammaincinv(freedom, 0.5) / freedom
+    )
     height = power / np.maximum(floor, 1e-300)
     height[waves < FEWEST_WAVES] = 0.0
-    threshold = float(gammainccinv(freedom, level / (TRIALS * MOST_WAVES)) / freedom)
+    threshold = float(scipy.special.gammainccinv(freedom, level / (TRIALS * MOST_WAVES)) / freedom)
     chosen: list[float] = []
     for _ in range(count):
         top = int(np.argmax(height))

@@ -256,9 +256,8 @@ class EstimatedJoint:
     ) -> None:
         frame = self._inputs.frame if self._inputs is not None else NO_FRAME
         self.outputs.sample(stamp_ns, frame, velocity_m_s, predicted_N, friction_N, stddev_N)
-        estimator = self.stream.estimator
-        if self.outputs.parameters_due(self.config.publish.parameters_rate) and estimator is not None:
-            self.outputs.parameters(estimator.parameters, stamp_ns)
+        if self.outputs.parameters_due(self.config.publish.parameters_rate) and self.stream.estimator is not None:
+            self.outputs.parameters(self.stream.estimator.parameters, stamp_ns)
 
     @property
     def curve(self) -> Curve | None:

@@ -48,20 +48,23 @@ class Monitor:
     ----------
     publisher : of the topic.
     log : of the node; it is told of a batch that failed, and the next one is tried all the same.
+
+    Attributes
+    ----------
+    wanted : whether anybody listened lately; else samples need not be noted.
     """
 
     def __init__(self, publisher: Publishes, log: RcutilsLogger) -> None:
         self._publisher, self._log = publisher, log
         self._rows: deque[Row] = deque(maxlen=ROOM)
         self._ended = threading.Event()
-        self._wanted = False
+        self.wanted = False
         self._thread = threading.Thread(target=self._serve, name="monitor", daemon=True)
         self._thread.start()
 
     def note(self, stamp_ns: int, velocity_m_s: float, measured_N: float, predicted_N: float, stddev_N: float) -> None:
         """Take a sample."""
-        if self._wanted:
-            self._rows.append((stamp_ns / NS_PER_S, velocity_m_s, measured_N, predicted_N, stddev_N))
+        self._rows.append((stamp_ns / NS_PER_S, velocity_m_s, measured_N, predicted_N, stddev_N))
 
     def close(self) -> None:
         """Publish no more."""
@@ -69,12 +72,12 @@ class Monitor:
         self._thread.join()
 
     def _serve(self) -> None:
-        while not self._ended.wait(BATCH_S if self._wanted else ASK_S):
+        while not self._ended.wait(BATCH_S if self.wanted else ASK_S):
             try:
-                self._wanted = bool(self._publisher.get_subscription_count())
-                if self._wanted and self._rows:
+                self.wanted = bool(self._publisher.get_subscription_count())
+                if self.wanted and self._rows:
                     self._publisher.publish(batch([self._rows.popleft() for _ in range(len(self._rows))]))
-                elif not self._wanted:
+                elif not self.wanted:
                     self._rows.clear()
             except Exception as error:
                 self._log.error(f"monitor: {sentence(error)}", throttle_duration_sec=5.0)

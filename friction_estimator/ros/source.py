@@ -217,16 +217,24 @@ class Source:
         """Count a message and read it."""
         self.messages += 1
         self.last = raw
-        self.read(raw)
-
-    def read(self, raw: bytes) -> None:
-        """Read a message and survive whatever it provokes."""
         try:
             self._read(raw)  # type: ignore[misc] # set before the topic is open
-        except NoValueError as error:
+        except Exception as error:
+            self._unread(error)
+
+    def read(self, raw: bytes) -> None:
+        """Read a message that was counted when it came, and survive whatever it provokes."""
+        try:
+            self._read(raw)  # type: ignore[misc]
+        except Exception as error:
+            self._unread(error)
+
+    def _unread(self, error: Exception) -> None:
+        """Count, or report, why a message could not be read."""
+        if isinstance(error, NoValueError):
             self.absence = shown(error, LONGEST_NAME)
             self.reject(reason_of(self.absence))
-        except LayoutError:
+        elif isinstance(error, LayoutError):
             self.reject("malformed")
-        except Exception as error:
+        else:
             self._on_error(f"message on {self.name}", error)

@@ -206,13 +206,13 @@ class SampleStream:
             self.lost += len(samples)
             self._look()
         elif step.contact is None and not step.behind and not self._breathless:
-            admitted, predictions = self.intake.admitted, self.predictions
+            admitted, predictions = self._admitted, self.predictions
             begin = time.perf_counter_ns()
             try:
                 self._hand_on(step.run(count, learn=self.learn))
             finally:
-                self.lost += self.intake.admitted - admitted - (self.predictions - predictions)
                 self._look()
+                self.lost += self._admitted - admitted - (self.predictions - predictions)
             if self.predictions != predictions:
                 now = time.perf_counter_ns()
                 self._load.note(now - self._load.arrived(begin))
@@ -271,8 +271,8 @@ class SampleStream:
         self._room = max(least, min(self._room, step.behind + least))
 
     def _look(self) -> None:
-        """Note what waits for a partner, and whether positions are velocities."""
-        pairer = self.intake.pairer
+        """Note how many samples were admitted, what waits for a partner, and whether positions are velocities."""
+        self._admitted, pairer = self.intake.admitted, self.intake.pairer
         self._waiting, self._tracks = pairer.waiting, pairer.tracks
 
     def breathe(self) -> None:
