@@ -1,6 +1,8 @@
 """`info` says what is in a recording, what is wrong with its stamps, and what it cannot answer."""
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -271,3 +273,17 @@ def test_recordings_of_others_are_listed(shared_data, capsys, name, messages):
     code, found, _ = info(shared_data / "bags" / name, capsys)
     assert code == 1
     assert sum(topic["messages"] for topic in found["topics"]) == messages
+
+
+def test_a_small_recording_is_told_of_without_what_takes_long_to_load(tmp_path):
+    """scipy's parts, and what numba needs to compile, are two fifths of a start."""
+    write_samples(tmp_path / "bag", drive(sine(2000)))
+    script = (
+        "import sys\nfrom friction_estimator.cli.main import main\n"
+        f"main(['info', {str(tmp_path / 'bag')!r}])\n"
+        "heavy = ('scipy.linalg', 'scipy.sparse', 'scipy.special', 'numba.np.npyimpl', 'pandas', 'matplotlib')\n"
+        "print([name for name in heavy if name in sys.modules])"
+    )
+    for _ in range(2):  # the first may have to compile
+        done = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
+    assert done.stdout.splitlines()[-1] == "[]"

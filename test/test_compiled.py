@@ -235,6 +235,32 @@ def test_what_killed_writers_left_is_swept(module):
     assert new.exists()
 
 
+LOADED_AND_COMPILED = """
+import runpy, sys
+import numpy as np
+from friction_estimator.compiled import njit
+
+loaded = runpy.run_path(sys.argv[1])
+print(loaded["hits"], "numba.np.npyimpl" in sys.modules)
+
+@njit()
+def anew(x):
+    return np.sort(np.round(x, 1)), loaded_tripled(x.sum())
+
+loaded_tripled = loaded["tripled"]
+print(anew(np.array([0.75, 0.25, -1.5])), loaded_tripled(np.arange(2)))
+"""
+
+
+def test_a_form_is_loaded_without_what_compilers_need(module):
+    """Which is a quarter of a start; what is compiled after it finds all that it needs."""
+    run(module)
+    command = [sys.executable, "-c", LOADED_AND_COMPILED, str(module)]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == ["2 False", "(array([-1.5,  0.2,  0.8]), -1.5) [0 3]"]
+
+
 DRIVE = """
 import gc, math
 from numba.core.dispatcher import Dispatcher
