@@ -2,6 +2,7 @@
 
 import random
 import sqlite3
+import struct
 
 import numpy as np
 import pytest
@@ -21,6 +22,9 @@ CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timesta
 """
 INDEX = "CREATE INDEX timestamp_idx ON messages (timestamp ASC);"
 TOPICS = ("/velocity", "/friction", "/camera")
+LEAF_OF_AN_INDEX = 0x0A
+"""First byte of such a page of SQLite."""
+
 KIND = "std_msgs/msg/Float64"
 
 
@@ -111,9 +115,11 @@ def test_a_recording_without_messages_has_topics(tmp_path):
     [
         {"tables": TABLES},
         {"tables": TABLES + "CREATE INDEX timestamp_idx ON messages (timestamp) WHERE topic_id = 1;"},
+        {"tables": TABLES + "CREATE INDEX timestamp_idx ON messages (timestamp DESC);"},
+        {"tables": TABLES + "CREATE INDEX timestamp_idx ON messages (timestamp, data);"},
         {"before": "PRAGMA encoding = 'UTF-16le';"},
     ],
-    ids=["no index", "an index of some", "another encoding"],
+    ids=["no index", "an index of some", "a falling index", "an index of more", "another encoding"],
 )
 def test_without_an_index_of_times_rosbags_reads(tmp_path, how):
     path = tmp_path / "run.db3"
@@ -124,6 +130,40 @@ def test_without_an_index_of_times_rosbags_reads(tmp_path, how):
         for (name, times, messages), _ in source.timed_batches(TOPICS):
             found[name] += zip(times.tolist(), messages, strict=True)
     assert found == by_rosbags(path, TOPICS)[0]
+
+
+def test_a_topic_of_two_numbers_is_one_topic(tmp_path):
+    path = tmp_path / "run.db3"
+    database(path, stream(3000))
+    file = sqlite3.connect(path)
+    file.execute(f"INSERT INTO topics VALUES (9, '/velocity', '{KIND}', 'cdr', '')")
+    file.execute("UPDATE messages SET topic_id = 9 WHERE topic_id = 1 AND id % 3 = 0")
+    file.commit()
+    file.close()
+    assert by_pages(path, TOPICS[:2])[0] == by_rosbags(path, TOPICS[:2])[0]
+
+
+def test_an_index_that_does_not_lead_to_all_messages_is_no_silent_loss(tmp_path):
+    """One bit of one of its entries hides what stands behind it."""
+    path, time = tmp_path / "run.db3", 10**18
+    database(path, [("/velocity", time + 1000 * k, bytes(12)) for k in range(20_000)])
+    content, entry = bytearray(path.read_bytes()), struct.pack(">q", time + 9_000_000)
+    (place,) = (
+        at
+        for at in range(len(content))
+        if content.startswith(entry, at) and content[at // 4096 * 4096] == LEAF_OF_AN_INDEX
+    )
+    content[place] ^= 0x20
+    path.write_bytes(content)
+    with Source(path) as source, pytest.raises(InputError, match=r"leads to \d+ of 20000 messages"):
+        list(source.timed_batches(["/velocity"]))
+
+
+def test_the_last_time_of_all_is_read(tmp_path):
+    path = tmp_path / "run.db3"
+    messages = [("/velocity", 5, b"a"), ("/velocity", NOTHING_BEHIND, b"b")]
+    database(path, messages)
+    assert by_pages(path, TOPICS[:1])[0]["/velocity"] == [(time, payload) for _, time, payload in messages]
 
 
 def test_a_page_too_long_for_sqlite_is_halved(tmp_path, monkeypatch):

@@ -29,8 +29,8 @@ PAGE = 8192
 PAGE_BYTES = 16 * 2**20
 """Bytes of payload that a page is meant to have, at most."""
 
-_FIRST_PAGE = 64
-"""Messages of the first page: nobody knows yet how long they are. The next ones are at most twice as long each."""
+_FIRST_PAGE = 1
+"""Messages of the first page: nobody knows yet how long they are. The next ones have at most twice as many each."""
 
 _BEHIND = "SELECT timestamp FROM messages INDEXED BY {index} WHERE timestamp >= ? ORDER BY timestamp LIMIT 1 OFFSET ?"
 
@@ -38,8 +38,10 @@ _LATER = "SELECT min(timestamp) FROM messages INDEXED BY {index} WHERE timestamp
 
 _PAGE = """
 SELECT count(*), group_concat(data, ''), group_concat(length(data)), group_concat(timestamp), group_concat(topic_id)
-FROM messages INDEXED BY {index} WHERE timestamp BETWEEN ? AND ? AND +topic_id IN ({topics})
+FROM messages INDEXED BY {index} WHERE timestamp BETWEEN ? AND ? AND topic_id IN ({topics})
 """
+
+_OF_NAMES = "SELECT id FROM topics WHERE name IN ({})"
 
 _UNKNOWN = MessageDefinition(MessageDefinitionFormat.NONE, "")
 
@@ -82,8 +84,9 @@ class Storage:
         topics = database.execute(f"SELECT {wanted} FROM topics ORDER BY id").fetchall()
         counts: dict[int, int] = {}
         if self.counted:
-            counts = dict(database.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id"))
-            self.metadata = _span(database, sum(counts.values()))
+            found = database.execute("SELECT topic_id, count(*) FROM messages NOT INDEXED GROUP BY topic_id").fetchall()
+            counts = {int(number): count for number, count in found if number is not None}
+            self.metadata = _span(database, sum(count for _, count in found))
         for number, name, kind, form, qos, digest in topics:
             about = ConnectionExtRosbag2(form, parse_qos(qos))
             count = counts.get(number, 0)
@@ -137,10 +140,19 @@ def indexed(path: Path, topics: Collection[str]) -> Indexed | None:
     with closing(_opened(path)) as database:
         index = _index_of_times(database)
         (encoding,) = database.execute("PRAGMA encoding").fetchone()
-        if index is None or encoding != "UTF-8":  # joined payloads would be taken for text of another encoding
+        span = _span(database, 0)
+        # Joined payloads would be taken for text of another encoding; the last time is what says that nothing follows.
+        if index is None or encoding != "UTF-8" or span.end_time > NOTHING_BEHIND:
             return None
         names = {number: name for number, name in database.execute("SELECT id, name FROM topics") if name in topics}
-        return Indexed(_span(database, 0).start_time, _pages(path, index, names))
+        return Indexed(span.start_time, _pages(path, index, names))
+
+
+def counted(path: Path, topics: Collection[str]) -> int:
+    """Return how many messages of some topics a file holds, without its index."""
+    query = f"SELECT count(*) FROM messages NOT INDEXED WHERE topic_id IN ({_OF_NAMES.format(_marks(topics))})"
+    with closing(_opened(path)) as database:
+        return int(database.execute(query, list(topics)).fetchone()[0])
 
 
 def _opened(path: Path) -> sqlite3.Connection:
@@ -159,10 +171,11 @@ def _columns(database: sqlite3.Connection, table: str) -> list[str]:
 
 
 def _index_of_times(database: sqlite3.Connection) -> str | None:
-    """Return an index of all messages by their time."""
+    """Return an index of all messages by nothing but their time, as rosbag2 makes it."""
     for _, name, _, _, partial in database.execute("PRAGMA index_list(messages)").fetchall():
-        leading = database.execute(f"PRAGMA index_info({_quoted(name)})").fetchone()
-        if leading is not None and leading[2] == "timestamp" and not partial:
+        columns = database.execute(f"PRAGMA index_xinfo({_quoted(name)})").fetchall()
+        keys = [(column, descends) for _, _, column, descends, _, is_key in columns if is_key]
+        if keys == [("timestamp", 0)] and not partial:
             return str(name)
     return None
 
@@ -180,8 +193,9 @@ def _span(database: sqlite3.Connection, count: int) -> ReaderMetadata:
 
 def _pages(path: Path, index: str, topics: dict[int, str]) -> Iterator[Timed]:
     """Yield the messages of topics by number, a batch for each topic of a page."""
-    names = {"index": _quoted(index), "topics": _marks(topics)}
-    behind_of, later_than, page_of = (query.format(**names) for query in (_BEHIND, _LATER, _PAGE))
+    asked = sorted(set(topics.values()))
+    parts = {"index": _quoted(index), "topics": _OF_NAMES.format(_marks(asked))}
+    behind_of, later_than, page_of = (query.format(**parts) for query in (_BEHIND, _LATER, _PAGE))
     rows, from_ns = _FIRST_PAGE, -(2**63)
     with closing(_opened(path)) as database:
         database.text_factory = bytes
@@ -193,7 +207,7 @@ def _pages(path: Path, index: str, topics: dict[int, str]) -> Iterator[Timed]:
             if behind_ns <= from_ns:
                 raise DamagedError("its index of times is wrong")
             try:
-                page = database.execute(page_of, (from_ns, behind_ns - 1, *topics)).fetchone()
+                page = database.execute(page_of, (from_ns, behind_ns - 1, *asked)).fetchone()
             except sqlite3.DataError:  # longer than a value of SQLite may be
                 if rows == 1:
                     raise
@@ -215,11 +229,13 @@ def _batches(page: tuple[Any, ...], topics: dict[int, str], behind_ns: int) -> G
     if np.any(times[1:] < times[:-1]):
         raise DamagedError("its index of times is wrong")
     records, starts = np.frombuffer(payloads, np.uint8), np.cumsum(lengths) - lengths
-    held = [number for number in topics if np.any(numbers == number)]
-    for number in held:
-        own = numbers == number
-        batch = topics[number], times[own], _messages(records, starts[own], lengths[own])
-        yield batch, behind_ns if number == held[-1] else int(times[0])
+    by_name: dict[str, list[int]] = {}
+    for number in np.unique(numbers).tolist():
+        by_name.setdefault(topics[number], []).append(number)
+    for left, (name, own_numbers) in zip(range(len(by_name) - 1, -1, -1), by_name.items(), strict=True):
+        own = np.isin(numbers, own_numbers)
+        batch = name, times[own], _messages(records, starts[own], lengths[own])
+        yield batch, int(times[0]) if left else behind_ns
     return int(lengths.max())
 
 
@@ -241,7 +257,7 @@ def _messages(records: Rows, starts: Ints, lengths: Ints) -> Messages:
     return [records[start:end].tobytes() for start, end in zip(starts.tolist(), ends, strict=True)]
 
 
-def _marks(values: Collection[int]) -> str:
+def _marks(values: Collection[object]) -> str:
     return ", ".join("?" * len(values))
 
 

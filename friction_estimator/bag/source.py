@@ -16,7 +16,7 @@ from rosbags.rosbag1.reader import decompressors as unpackers1
 from rosbags.rosbag2.storage_mcap import DECOMPRESSORS as UNPACKERS2
 
 from friction_estimator.bag import db3, mcap
-from friction_estimator.bag.batches import ANYTHING_BEHIND, NOTHING_BEHIND, Indexed, Timed
+from friction_estimator.bag.batches import ANYTHING_BEHIND, NOTHING_BEHIND, DamagedError, Indexed, Timed
 from friction_estimator.bag.budget import unpack
 from friction_estimator.bag.lfs import check_no_pointer
 from friction_estimator.bag.messages import Rows
@@ -121,7 +121,10 @@ class Source:
         return sum(topic.count for topic in self.topics)
 
     def first(self, topic: str) -> bytes | None:
-        """Return the first message of a topic; None where it has none. Raises InputError as `batches` does."""
+        """Return the first message of a topic, in the order of the file; None where it has none.
+
+        Raises InputError as `batches` does.
+        """
         with _readable(self.path):
             indexed = self._indexed([topic])
             if indexed is not None:
@@ -178,7 +181,23 @@ class Source:
             return None
         parts = [_INDEXED[file.suffix](file, topics) for file in self._prepared.files]
         ways = [part for part in parts if part is not None]
-        return _one_after_the_other(ways) if ways and len(ways) == len(parts) else None
+        return self._all_of(_one_after_the_other(ways), topics) if ways and len(ways) == len(parts) else None
+
+    def _all_of(self, batches: Iterator[Timed], topics: Collection[str]) -> Iterator[Timed]:
+        """Yield batches; then raise DamagedError where an index of .db3 files did not lead to all messages.
+
+        A damaged entry of an index hides what is behind it. The messages are counted without it where there are not as
+        many as the recording declares.
+        """
+        found = 0
+        for batch in batches:
+            found += batch[0][1].size
+            yield batch
+        tables = [file for file in self._prepared.files if file.suffix == ".db3"]
+        if tables and found != sum(topic.count for topic in self.topics if topic.name in topics):
+            held = sum(db3.counted(file, topics) for file in tables)
+            if found != held:
+                raise DamagedError(f"its index of times leads to {found} of {held} messages")
 
     def _stepwise(self, topics: Collection[str]) -> Iterator[Timed]:
         """Yield what rosbags yields message by message."""
