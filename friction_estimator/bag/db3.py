@@ -9,7 +9,6 @@ from collections.abc import Collection, Generator, Iterator
 from contextlib import closing
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 from urllib.parse import quote
 
 import numpy as np
@@ -36,10 +35,16 @@ _BEHIND = "SELECT timestamp FROM messages INDEXED BY {index} WHERE timestamp >= 
 
 _LATER = "SELECT min(timestamp) FROM messages INDEXED BY {index} WHERE timestamp > ?"
 
-_PAGE = """
-SELECT count(*), group_concat(data, ''), group_concat(length(data)), group_concat(timestamp), group_concat(topic_id)
-FROM messages INDEXED BY {index} WHERE timestamp BETWEEN ? AND ? AND topic_id IN ({topics})
+_OF_PAGE = "FROM messages INDEXED BY {index} WHERE timestamp BETWEEN ? AND ? AND topic_id IN ({topics})"
+
+_PAGE = f"""
+SELECT count(*), min(length(data)), max(length(data)),
+  group_concat(data, ''), group_concat(timestamp), group_concat(topic_id)
+{_OF_PAGE}
 """
+
+_LENGTHS = f"SELECT group_concat(length(data)) {_OF_PAGE}"
+"""Asked for where the messages of a page have not all one length."""
 
 _OF_NAMES = "SELECT id FROM topics WHERE name IN ({})"
 
@@ -195,7 +200,7 @@ def _pages(path: Path, index: str, topics: dict[int, str]) -> Iterator[Timed]:
     """Yield the messages of topics by number, a batch for each topic of a page."""
     asked = sorted(set(topics.values()))
     parts = {"index": _quoted(index), "topics": _OF_NAMES.format(_marks(asked))}
-    behind_of, later_than, page_of = (query.format(**parts) for query in (_BEHIND, _LATER, _PAGE))
+    behind_of, later_than, page_of, lengths_of = (q.format(**parts) for q in (_BEHIND, _LATER, _PAGE, _LENGTHS))
     rows, from_ns = _FIRST_PAGE, -(2**63)
     with closing(_opened(path)) as database:
         database.text_factory = bytes
@@ -206,24 +211,27 @@ def _pages(path: Path, index: str, topics: dict[int, str]) -> Iterator[Timed]:
             behind_ns = NOTHING_BEHIND if behind_ns is None else behind_ns
             if behind_ns <= from_ns:
                 raise DamagedError("its index of times is wrong")
+            place = from_ns, behind_ns - 1, *asked
             try:
-                page = database.execute(page_of, (from_ns, behind_ns - 1, *asked)).fetchone()
+                count, shortest, longest, *page = database.execute(page_of, place).fetchone()
             except sqlite3.DataError:  # longer than a value of SQLite may be
                 if rows == 1:
                     raise
                 rows //= 2
                 continue
-            longest = yield from _batches(page, topics, behind_ns)
-            rows = max(1, min(PAGE, 2 * rows, PAGE_BYTES // max(1, longest)))
+            if count:
+                lengths = np.full(count, longest or 0)
+                if shortest != longest:
+                    lengths = _integers(database.execute(lengths_of, place).fetchone()[0], count)
+                yield from _batches(lengths, page, topics, behind_ns)
+            rows = max(1, min(PAGE, 2 * rows, PAGE_BYTES // max(1, longest or 0)))
             from_ns = behind_ns
 
 
-def _batches(page: tuple[Any, ...], topics: dict[int, str], behind_ns: int) -> Generator[Timed, None, int]:
-    """Yield the batches of a page, and return the length of its longest message, bytes."""
-    count, payloads, *columns = page
-    if not count:
-        return 0
-    lengths, times, numbers = (_integers(column, count) for column in columns)
+def _batches(lengths: Ints, page: list[bytes], topics: dict[int, str], behind_ns: int) -> Iterator[Timed]:
+    """Yield the batches of a page: joined payloads, times, numbers of topics."""
+    payloads, *columns = page
+    times, numbers = (_integers(column, lengths.size) for column in columns)
     if lengths.min() < 0 or lengths.sum() != len(payloads):
         raise DamagedError("a message is no sequence of bytes")
     if np.any(times[1:] < times[:-1]):
@@ -236,7 +244,6 @@ def _batches(page: tuple[Any, ...], topics: dict[int, str], behind_ns: int) -> G
         own = np.isin(numbers, own_numbers)
         batch = name, times[own], _messages(records, starts[own], lengths[own])
         yield batch, int(times[0]) if left else behind_ns
-    return int(lengths.max())
 
 
 def _integers(column: bytes | None, count: int) -> Ints:
