@@ -18,8 +18,7 @@ from rosbags.rosbag2.metadata import ReaderMetadata, parse_qos
 from rosbags.rosbag2.reader import DirectoryReader
 
 from friction_estimator.bag.batches import NOTHING_BEHIND, DamagedError, Indexed, Timed
-from friction_estimator.bag.messages import Messages, Rows
-from friction_estimator.bag.placed import Placed
+from friction_estimator.bag.placed import payloads
 from friction_estimator.core.sample import Ints
 
 PAGE = 8192
@@ -153,7 +152,7 @@ def indexed(path: Path, topics: Collection[str]) -> Indexed | None:
         return Indexed(span.start_time, _pages(path, index, names))
 
 
-def counted(path: Path, topics: Collection[str]) -> int:
+def messages_held(path: Path, topics: Collection[str]) -> int:
     """Return how many messages of some topics a file holds, without its index."""
     query = f"SELECT count(*) FROM messages NOT INDEXED WHERE topic_id IN ({_OF_NAMES.format(_marks(topics))})"
     with closing(_opened(path)) as database:
@@ -230,19 +229,19 @@ def _pages(path: Path, index: str, topics: dict[int, str]) -> Iterator[Timed]:
 
 def _batches(lengths: Ints, page: list[bytes], topics: dict[int, str], behind_ns: int) -> Iterator[Timed]:
     """Yield the batches of a page: joined payloads, times, numbers of topics."""
-    payloads, *columns = page
+    joined, *columns = page
     times, numbers = (_integers(column, lengths.size) for column in columns)
-    if lengths.min() < 0 or lengths.sum() != len(payloads):
+    if lengths.min() < 0 or lengths.sum() != len(joined):
         raise DamagedError("a message is no sequence of bytes")
     if np.any(times[1:] < times[:-1]):
         raise DamagedError("its index of times is wrong")
-    records, starts = np.frombuffer(payloads, np.uint8), np.cumsum(lengths) - lengths
+    records, starts = np.frombuffer(joined, np.uint8), np.cumsum(lengths) - lengths
     by_name: dict[str, list[int]] = {}
     for number in np.unique(numbers).tolist():
         by_name.setdefault(topics[number], []).append(number)
     for left, (name, own_numbers) in zip(range(len(by_name) - 1, -1, -1), by_name.items(), strict=True):
         own = np.isin(numbers, own_numbers)
-        batch = name, times[own], _messages(records, starts[own], lengths[own])
+        batch = name, times[own], payloads(records, starts[own], lengths[own])
         yield batch, int(times[0]) if left else behind_ns
 
 
@@ -254,14 +253,6 @@ def _integers(column: bytes | None, count: int) -> Ints:
     if values.size != count:
         raise DamagedError("a message lacks its time, topic or payload")
     return values
-
-
-def _messages(records: Rows, starts: Ints, lengths: Ints) -> Messages:
-    """Return some of the payloads that are joined in `records`."""
-    if np.all(lengths == lengths[0]):
-        return Placed(records, starts, int(lengths[0]))
-    ends = (starts + lengths).tolist()
-    return [records[start:end].tobytes() for start, end in zip(starts.tolist(), ends, strict=True)]
 
 
 def _marks(values: Collection[object]) -> str:

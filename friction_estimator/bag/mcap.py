@@ -20,7 +20,7 @@ import numpy as np
 from friction_estimator.bag.batches import NOTHING_BEHIND, DamagedError, Indexed, Timed
 from friction_estimator.bag.budget import TooLargeError, unpack
 from friction_estimator.bag.messages import Messages, Rows
-from friction_estimator.bag.placed import ASTRAY, HEAD, LONGER, OUTSIDE, Placed, heads
+from friction_estimator.bag.placed import ASTRAY, HEAD, LONGER, OUTSIDE, heads, payloads
 from friction_estimator.core.sample import Ints
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -218,8 +218,4 @@ def _messages(records: Rows, index: bytes, channel: int) -> tuple[Ints, Messages
     wrong = heads(records, places, channel, times, lengths)
     if wrong:
         raise ValueError(_WRONG[wrong])
-    if np.all(lengths == lengths[0]):
-        return times, Placed(records, places + HEAD, int(lengths[0]))
-    ends = (places + HEAD + lengths).tolist()
-    starts = (places + HEAD).tolist()
-    return times, [records[start:end].tobytes() for start, end in zip(starts, ends, strict=True)]
+    return times, payloads(records, places + HEAD, lengths)

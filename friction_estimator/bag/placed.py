@@ -122,6 +122,19 @@ class Placed:
         return (stamp, value) if same else None
 
 
+def payloads(records: NDArray[np.uint8], starts: Ints, lengths: Ints) -> Placed | list[bytes]:
+    """Return messages of a chunk: placed where all have one length, else as bytes.
+
+    Parameters
+    ----------
+    records : the chunk's bytes. starts, lengths : where the payloads begin, how long they are, (n,) each, n > 0.
+    """
+    if np.all(lengths == lengths[0]):
+        return Placed(records, starts, int(lengths[0]))
+    ends = (starts + lengths).tolist()
+    return [records[start:end].tobytes() for start, end in zip(starts.tolist(), ends, strict=True)]
+
+
 @dataclass(frozen=True)
 class Words:
     """The bytes that fix a layout, in words of 8 bytes: where they are, what they hold, which of their bits count."""

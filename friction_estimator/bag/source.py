@@ -128,8 +128,8 @@ class Source:
         with _readable(self.path):
             indexed = self._indexed([topic])
             if indexed is not None:
-                found = next((messages for (_, _, messages), _ in indexed if len(messages)), None)
-                raw = found.first() if isinstance(found, Placed) else None if found is None else bytes(found[0])
+                filled = (messages for (_, _, messages), _ in indexed if len(messages))
+                raw = next((each.first() if isinstance(each, Placed) else bytes(each[0]) for each in filled), None)
             else:
                 chosen = [item for item in self._reader.connections if item.topic == topic]
                 raw = next((raw for _, _, raw in self._reader.messages(connections=chosen)), None) if chosen else None
@@ -195,7 +195,7 @@ class Source:
             yield batch
         tables = [file for file in self._prepared.files if file.suffix == ".db3"]
         if tables and found != sum(topic.count for topic in self.topics if topic.name in topics):
-            held = sum(db3.counted(file, topics) for file in tables)
+            held = sum(db3.messages_held(file, topics) for file in tables)
             if found != held:
                 raise DamagedError(f"its index of times leads to {found} of {held} messages")
 

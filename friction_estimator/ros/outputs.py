@@ -64,10 +64,12 @@ class Outputs:
                 self.faults.append(shown(fault))
                 return Unpublished()
 
-        self._predicted = publisher(WrenchStamped, f"{prefix}friction_predicted", 1000)
-        self._residual = publisher(WrenchStamped, f"{prefix}residual", 1000)
-        self._stddev = publisher(WrenchStamped, f"{prefix}friction_stddev", 1000)
-        self._send = tuple(map(_sender, (self._predicted, self._residual, self._stddev)))
+        samples = [
+            publisher(WrenchStamped, f"{prefix}{topic}", 1000)
+            for topic in ("friction_predicted", "residual", "friction_stddev")
+        ]
+        self._predicted = samples[0]
+        self._send = tuple(map(_sender, samples))
         self._curve = publisher(Float64MultiArray, f"{prefix}friction_curve", 1)
         self._arrays = {name: publisher(Float64MultiArray, f"{prefix}parameters/{name}", 10) for name in ARRAYS}
         self._named = publisher(JointState, f"{prefix}parameters/named", 10)
