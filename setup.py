@@ -55,7 +55,7 @@ setup(
     extras_require=EXTRAS,
     entry_points={
         "console_scripts": [
-            f"friction_estimator = {PACKAGE}.cli.main:main",
+            f"friction_estimator = {PACKAGE}.cli.main:program",
             f"estimator_node = {PACKAGE}.ros.node:main",
             f"player = {PACKAGE}.cli.play:main",
         ],
