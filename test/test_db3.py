@@ -218,6 +218,18 @@ def test_what_is_no_recording_is_said_in_one_line(tmp_path, change, words):
     assert "\n" not in str(raised.value)
 
 
+@pytest.mark.parametrize("lost", ["id = 7", "topic_id = 2", "1"])
+def test_a_message_without_a_payload_is_no_silent_loss(tmp_path, lost):
+    path = tmp_path / "run.db3"
+    tables = (TABLES + INDEX).replace("data BLOB NOT NULL", "data BLOB")
+    database(path, stream(100), tables=tables)
+    file = sqlite3.connect(path)
+    file.executescript(f"UPDATE messages SET data = NULL WHERE {lost}")
+    file.close()
+    with pytest.raises(InputError, match="lacks its time, topic or payload"), Source(path) as source:
+        list(source.timed_batches(TOPICS[1:2] if "topic" in lost else TOPICS))
+
+
 def test_tables_of_the_first_rosbag2(tmp_path):
     path = tmp_path / "run.db3"
     file = sqlite3.connect(path)
