@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from friction_estimator.core.sample import Floats, Ints
-from friction_estimator.diagnosis.evidence import Evidence
+from friction_estimator.core.sample import Bools, Floats, Ints
 from friction_estimator.diagnosis.record import Record
 
 SAME_PERIOD = 0.01
@@ -193,28 +192,42 @@ def remainder_columns(record: Record, force_N: Floats) -> dict[str, Bins]:
     return out
 
 
-def variance_dependence(
-    record: Record, residual_N: Floats, evidence: Evidence, names: Sequence[str] = VARIABLES
-) -> tuple[str, float] | None:
-    """Return the variable on which the size of the residual depends most, and the share of its power, or None.
+@dataclass(frozen=True)
+class Scatter:
+    """A bin of a variable in which errors scatter more than elsewhere.
 
-    The log of the residual's power, averaged in bins, is compared with its scatter over blocks; a family-wise
-    1 % holds over all bins of all variables.
+    Attributes
+    ----------
+    variable : field of `Features`. share : of the errors' power that is there and would not be elsewhere.
+    inside : (m,) bool, the errors in the bin.
+    """
+
+    variable: str
+    share: float
+    inside: Bools
+
+
+def variance_dependence(record: Record, errors_N: Floats, at: Ints, names: Sequence[str] = VARIABLES) -> Scatter | None:
+    """Return where the size of errors (m,) at the samples `at` (m,) depends most on a variable, or None.
+
+    Their power, averaged in bins, is compared with its scatter over blocks; a family-wise 1 % holds over all bins of
+    all variables.
     """
     f = record.features
-    power = np.square(residual_N)
-    power = np.minimum(power, 40.0 * float(np.median(power[record.used])) / 0.4549)
-    total = float(power[record.used].mean())
-    best: tuple[str, float] | None = None
+    power = np.square(errors_N)
+    power = np.minimum(power, 40.0 * float(np.median(power)) / 0.4549)
+    total, block = float(power.mean()), record.block[at]
+    best: Scatter | None = None
     best_t = 6.5
     for name in names:
         values = getattr(f, name) if name != "force_N" else None
         if values is None or np.ptp(values[np.isfinite(values)]) == 0.0:
             continue
         bins = binned(record, np.abs(values), False)
-        inside = record.used & (bins.cell >= 0)
-        place = record.block[inside] * bins.count + bins.cell[inside]
-        size = evidence.blocks * bins.count
+        cell = bins.cell[at]
+        inside = cell >= 0
+        place = block[inside] * bins.count + cell[inside]
+        size = record.blocks * bins.count
         number = np.bincount(place, minlength=size).reshape(-1, bins.count)
         sums = np.bincount(place, weights=power[inside], minlength=size).reshape(-1, bins.count)
         for k in range(bins.count):
@@ -223,7 +236,7 @@ def variance_dependence(
             if per.size < 6:
                 continue
             t_value = (per.mean() - total) / max(per.std(ddof=1) / np.sqrt(per.size), 1e-300)
-            share = float((per.mean() - total) * number[:, k].sum() / record.used.size / total)
+            share = float((per.mean() - total) * number[:, k].sum() / at.size / total)
             if t_value > best_t and share > 0.01:
-                best_t, best = t_value, (name, share)
+                best_t, best = t_value, Scatter(name, share, cell == k)
     return best

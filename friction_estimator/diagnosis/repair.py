@@ -76,9 +76,13 @@ def scattered(
     asked = [cls for cls in catalogue.values() if cls.detects_at == "variance"]
     if not asked:
         return []
-    view = view_of(record, context, found)
-    view = replace(view, residual_N=final.residual_N, pairs=pairs(record))
+    view = left_by(record, context, final, found)
     return [fault for fault in (cls.detect(view) for cls in asked) if fault is not None]
+
+
+def left_by(record: Record, context: Context, final: Joint, found: Sequence[Fault]) -> DataView:
+    """Return what a detector sees of what the last model leaves, and of which samples should be equal."""
+    return replace(view_of(record, context, found), residual_N=final.residual_N, pairs=pairs(record))
 
 
 def confirmed(
