@@ -100,6 +100,14 @@ def test_a_free_shape_is_no_other_slow_cause(hidden: str, likeness: str) -> None
     assert names(diagnose([samples], Config(), catalogue={hidden: EFFECTS[hidden]})) == [hidden]
 
 
+def test_a_slow_change_outside_the_catalogue_does_not_hide_itself() -> None:
+    """What is left of it is correlated over seconds, as coloured noise might be; but it repeats in the next cycle."""
+    result = diagnose([record(["viscosity_drift:size=0.01"])], Config(), catalogue=ONLY_MASS)
+    assert result.verdict == "unexplained"
+    assert result.remainder is not None
+    assert result.remainder.variable == "time_s"
+
+
 def test_too_little_data_are_undecidable_whatever_they_show() -> None:
     samples = record(["dropout:size=0.04,length=7"])[:420]
     result = diagnose([samples], Config())

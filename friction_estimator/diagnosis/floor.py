@@ -24,6 +24,13 @@ FAR_APART = 1e3
 """Distance of two recordings, in standard deviations of what else tells neighbours."""
 
 
+FEWEST_IN_STEP, IN_STEP = 500, 0.8
+"""Pairs, and the share of them that the next sample's follows, from which they tell the memory of the noise."""
+
+LONGEST_MEMORY, MOST_MEMORY = 40, 20.0
+"""Samples over which noise may be correlated, and by how much that may raise the power of slow averages."""
+
+
 def pairs(record: Record) -> tuple[Ints, Ints]:
     """Return pairs of samples that a deterministic system would make equal, (m,), (m,).
 
@@ -109,9 +116,12 @@ def _neighbours(record: Record) -> tuple[Ints, Ints]:
     return chosen[some], chosen[nearest[some]]
 
 
-def incoherent(record: Record, residual_N: Floats) -> tuple[Floats, Ints]:
-    """Return differences of paired residuals over sqrt 2, (m,), N, and the samples that they belong to."""
-    first, second = pairs(record)
+def incoherent(record: Record, residual_N: Floats, paired: tuple[Ints, Ints] | None = None) -> tuple[Floats, Ints]:
+    """Return differences of paired residuals over sqrt 2, (m,), N, and the samples that they belong to.
+
+    `paired` are those of `pairs`, where they are known.
+    """
+    first, second = pairs(record) if paired is None else paired
     keep = record.used[first] & record.used[second]
     first, second = first[keep], second[keep]
     return (residual_N[first] - residual_N[second]) / np.sqrt(2.0), first
@@ -126,6 +136,29 @@ def noise_floor(record: Record, residual_N: Floats, lattice_N: float = 0.0) -> f
     if difference.size < 50:
         return float(np.sqrt(np.mean(np.square(residual_N[record.used]))))
     return max(float(np.sqrt(np.mean(np.square(difference)))), lattice_N / float(np.sqrt(12.0)))
+
+
+def noise_memory(record: Record, residual_N: Floats, paired: tuple[Ints, Ints]) -> float:
+    """Return by how much coloured noise raises the power of slow averages: 1 + 2 sum_l r_l of its autocorrelation.
+
+    Asked of the differences d of paired samples, since a slow error that is left would hide itself. Both samples of a
+    pair have noise: corr_l(d) = r_l (1 + c_l) / 2, with c_l the share of pairs l samples apart whose partners are, too.
+    """
+    first, second = paired
+    keep = record.used[first] & record.used[second]
+    first, second = first[keep], second[keep]
+    if first.size <= FEWEST_IN_STEP or np.mean(np.diff(first) == 1) < IN_STEP:
+        first = second = np.flatnonzero(record.used)
+        noise = residual_N[first]
+    else:
+        noise = residual_N[first] - residual_N[second]
+    centred = noise - noise.mean()
+    power = float(np.square(centred).mean()) or 1.0
+    total = 0.0
+    for lag in range(1, LONGEST_MEMORY + 1):
+        together = float(np.mean(second[lag:] - second[:-lag] == lag))
+        total += max(0.0, float(np.mean(centred[lag:] * centred[:-lag])) / power * 2.0 / (1.0 + together))
+    return float(np.clip(1.0 + 2.0 * total, 1.0, MOST_MEMORY))
 
 
 VARIABLES = (

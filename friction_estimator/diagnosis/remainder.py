@@ -7,7 +7,7 @@ import numpy as np
 
 from friction_estimator.core.sample import Floats, Ints
 from friction_estimator.diagnosis.evidence import Rule, null_maximum
-from friction_estimator.diagnosis.floor import Scatter, remainder_columns, variance_dependence
+from friction_estimator.diagnosis.floor import Scatter, noise_memory, pairs, remainder_columns, variance_dependence
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.screening import FLIPS, LEVEL
@@ -84,7 +84,7 @@ def unexplained(
     null = null_maximum(evidence.flips(FLIPS), [evidence.projected(m) for m in moments.values()], list(rules.values()))
     noise = float(evidence.ee.sum()) / evidence.samples
     gains = {n: float(evidence.cross_validated(m, rules[n]).sum()) for n, m in moments.items()}
-    memory = _memory(joint.residual_N[record.used])
+    memory = noise_memory(record, joint.residual_N, pairs(record) if view.pairs is None else view.pairs)
     for name in SLOW:
         if name in moments:
             # A block is a stretch of time: left out, nothing is known of its bins. In the sample, less chance's share.
@@ -140,17 +140,6 @@ def _differs(scatter: Scatter, errors: Floats, residual: Floats) -> bool:
     return (
         scatter.share > LATER_SHARE and incoherent_share(errors, residual, scatter.inside.astype(np.float64)) > COHERENT
     )
-
-
-def _memory(residual: Floats) -> float:
-    """Return by how much coloured noise raises the power of slow averages: 1 + 2 sum of its autocorrelation.
-
-    Lags up to 40 samples, at most 20: what lasts longer is no noise.
-    """
-    centred = residual - residual.mean()
-    power = float(np.square(centred).mean()) or 1.0
-    lags = [float(np.mean(centred[k:] * centred[:-k])) / power for k in range(1, 41)]
-    return float(np.clip(1.0 + 2.0 * np.maximum(lags, 0.0).sum(), 1.0, 20.0))
 
 
 def _sentence(variable: str, what: str) -> str:
