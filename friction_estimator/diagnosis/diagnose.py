@@ -94,9 +94,9 @@ def diagnose(
     left_N2 = float(record.used.sum()) * max(0.0, last_error**2 - floor**2)
     effects = _named(record, context, found, errors, spread, left_N2, seed, trials, catalogue)
     progress("noise floor and remainder", 0.85)
-    found_faults += scattered(record, context, final, found_faults, catalogue)
-    concealed_by_one = any(f.conceals for f in found_faults)
     view = left_by(record, context, final, found_faults)
+    found_faults += scattered(view, catalogue)
+    concealed_by_one = any(f.conceals for f in found_faults)
     remainder = None if concealed_by_one else unexplained(record, final, found, found_faults, view, seed)
     notes = [f"{f.name}: {f.evidence}" for f in found_faults if f.repaired == COMPLETELY]
     found_faults = [f for f in found_faults if f.repaired != COMPLETELY]

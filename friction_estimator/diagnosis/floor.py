@@ -116,12 +116,9 @@ def _neighbours(record: Record) -> tuple[Ints, Ints]:
     return chosen[some], chosen[nearest[some]]
 
 
-def incoherent(record: Record, residual_N: Floats, paired: tuple[Ints, Ints] | None = None) -> tuple[Floats, Ints]:
-    """Return differences of paired residuals over sqrt 2, (m,), N, and the samples that they belong to.
-
-    `paired` are those of `pairs`, where they are known.
-    """
-    first, second = pairs(record) if paired is None else paired
+def incoherent(record: Record, residual_N: Floats) -> tuple[Floats, Ints]:
+    """Return differences of paired residuals over sqrt 2, (m,), N, and the samples that they belong to."""
+    first, second = pairs(record)
     keep = record.used[first] & record.used[second]
     first, second = first[keep], second[keep]
     return (residual_N[first] - residual_N[second]) / np.sqrt(2.0), first

@@ -84,7 +84,7 @@ def unexplained(
     null = null_maximum(evidence.flips(FLIPS), [evidence.projected(m) for m in moments.values()], list(rules.values()))
     noise = float(evidence.ee.sum()) / evidence.samples
     gains = {n: float(evidence.cross_validated(m, rules[n]).sum()) for n, m in moments.items()}
-    memory = noise_memory(record, joint.residual_N, pairs(record) if view.pairs is None else view.pairs)
+    memory = noise_memory(record, joint.residual_N, view.pairs or pairs(record))
     for name in SLOW:
         if name in moments:
             # A block is a stretch of time: left out, nothing is known of its bins. In the sample, less chance's share.
