@@ -14,7 +14,7 @@ from friction_estimator.diagnosis.base import fit_base
 from friction_estimator.diagnosis.base_problem import ALARM, OddCurve
 from friction_estimator.diagnosis.evidence import Evidence, Rule, folds_of, null_maximum
 from friction_estimator.diagnosis.excitation import pressure_order, speed_levels
-from friction_estimator.diagnosis.floor import noise_floor
+from friction_estimator.diagnosis.floor import noise_floor, noise_memory, pairs
 from friction_estimator.diagnosis.products import inner
 from friction_estimator.diagnosis.record import Record, build_record, joined
 from friction_estimator.diagnosis.repair import view_of
@@ -56,6 +56,20 @@ def test_held_out_gain_of_nothing_is_negative_on_average(noise: np.ndarray) -> N
         machine = evidence(noise[:, 0], noise[:, k : k + 1] * 0.0 + 1.0)
         gains.append(machine.cross_validated(machine.moments(noise[:, k : k + 1]), Rule((0,))).sum())
     assert np.mean(gains) < 0.5
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.7])
+def test_the_memory_of_the_noise_is_not_that_of_a_slow_error(rho: float) -> None:
+    """AR(1) noise raises the power of slow averages by (1 + rho) / (1 - rho), whatever the model has left beside it."""
+    segments = tuple(segment(1.0, psi, 10.0) for psi in (50.0, 200.0))
+    record = build_record([simulate(Scenario(segments, "clean", 200.0, 0.01, 3, ())).samples], SEAL)
+    rng = np.random.default_rng(4)
+    noise = np.zeros(record.used.size)
+    for k, shock in enumerate(rng.standard_normal(noise.size)):
+        noise[k] = rho * noise[k - 1] + shock
+    slow = 2.0 * np.sin(record.features.time_s / 15.0)
+    for left in (noise, noise + slow):
+        assert 0.8 < noise_memory(record, left, pairs(record)) * (1.0 - rho) / (1.0 + rho) < 2.0
 
 
 def test_signs_and_gain_limits_are_kept(noise: np.ndarray) -> None:

@@ -74,6 +74,40 @@ def test_a_likeness_is_told_from_the_cause_by_what_it_leaves() -> None:
     assert result.remainder.variable == "force_N"
 
 
+@pytest.mark.parametrize("effect", ["stick_slip:size=0.04", "velocity_noise:size=0.04", "outliers:size=0.04"])
+def test_scatter_outside_the_catalogue_is_told_beside_a_cause(effect: str) -> None:
+    """It raises the noise floor, so no error above the floor tells it."""
+    only_trait = {"direction_asymmetry": EFFECTS["direction_asymmetry"]}
+    result = diagnose([record([effect], plant="tabulated")], Config(), catalogue=only_trait)
+    assert names(result) == ["direction_asymmetry"]
+    assert result.remainder is not None
+    assert result.remainder.kind == "variance"
+
+
+def test_even_noise_beside_a_cause_is_no_scatter() -> None:
+    only_trait = {"presliding": EFFECTS["presliding"]}
+    result = diagnose([record(plant="maxwell_slip")], Config(), catalogue=only_trait)
+    assert names(result) == ["presliding"]
+    assert result.remainder is None
+
+
+@pytest.mark.parametrize(("hidden", "likeness"), [("viscosity_drift", "wear"), ("wear", "viscosity_drift")])
+def test_a_free_shape_is_no_other_slow_cause(hidden: str, likeness: str) -> None:
+    """A share of its own at each speed follows either; which speeds change tells the boundary level from the oil."""
+    samples = record([f"{hidden}:size=0.04"], plant="parallel_memory")
+    other = diagnose([samples], Config(), catalogue={likeness: EFFECTS[likeness]})
+    assert other.verdict == "unexplained"
+    assert names(diagnose([samples], Config(), catalogue={hidden: EFFECTS[hidden]})) == [hidden]
+
+
+def test_a_slow_change_outside_the_catalogue_does_not_hide_itself() -> None:
+    """What is left of it is correlated over seconds, as coloured noise might be; but it repeats in the next cycle."""
+    result = diagnose([record(["viscosity_drift:size=0.01"])], Config(), catalogue=ONLY_MASS)
+    assert result.verdict == "unexplained"
+    assert result.remainder is not None
+    assert result.remainder.variable == "time_s"
+
+
 def test_too_little_data_are_undecidable_whatever_they_show() -> None:
     samples = record(["dropout:size=0.04,length=7"])[:420]
     result = diagnose([samples], Config())

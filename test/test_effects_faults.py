@@ -231,14 +231,15 @@ def test_bursts_after_reversals_are_stick_slip(hidden: str) -> None:
         assert value > 0.0
 
 
-def test_bursts_that_may_be_of_no_size_have_no_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The same evidence with a likelihood that is as flat as that: its interval would hold 0."""
+@pytest.mark.parametrize("reach", ["amplitude_reach_N", "decay_reach_s"])
+def test_bursts_that_may_be_nothing_have_no_name(reach: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same evidence with a likelihood that is as flat as that: of no size, or no longer than the sampling."""
     made = run("stick_slip:size=0.04")
     assert scatter(made.samples) is not None
 
     def flat(view: DataView) -> Burst | None:
         burst = find_burst(view)
-        return burst and replace(burst, amplitude_reach_N=1.01 * burst.amplitude_N)
+        return burst and replace(burst, **{reach: 1.01 * getattr(burst, reach.replace("_reach", ""))})
 
     monkeypatch.setattr("friction_estimator.effects.reversal.find_burst", flat)
     assert scatter(made.samples) is None

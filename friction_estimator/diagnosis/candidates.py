@@ -1,7 +1,7 @@
 """Candidates for a cause: effects fitted beside a model and judged by held-out loss. Each fit is made once."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import t as student
@@ -59,6 +59,7 @@ class Candidate:
     ----------
     name, effect : which. model : with the effect as its last term.
     held_N2 : held-out decrease of the error power, summed. saved_N2 : what the prior of the base's memory saves.
+    belied : whether the functional form that the data ask for is another cause's: it looks like this one only.
     """
 
     name: str
@@ -66,6 +67,7 @@ class Candidate:
     model: Model
     held_N2: float
     saved_N2: float
+    belied: bool = False
 
     @property
     def gain(self) -> float:
@@ -137,11 +139,29 @@ class Candidates:
                     continue
                 more = max(other.freedom - best.freedom, 1)
                 better = other.gain - best.gain > PLAIN * more * best.samples_N2
+                if better and other.belied:
+                    best = replace(best, belied=True)
+                    continue
                 # A form of which nothing can be told is refused: the cause with it, although a plainer one tells it.
                 if better and (self.known_sign(other) or not self.known_sign(best)):
                     best = other
             self._shaped[key] = best
         return self._shaped[key]
+
+    def in_best_forms(self, model: Model, fits: Mapping[str, Candidate], close: float) -> dict[str, Candidate]:
+        """Return candidates by name without those that only look like a cause, those near the best in their best forms.
+
+        Near is what brings this share of the best one's gain; times of the whole force are with one of them, too: where
+        the base's memory has taken up nearly all, what a plain form gets wrong is all that is left.
+        """
+        best = max(fits.values(), key=lambda c: c.gain, default=None)
+        if best is None or best.gain <= 0.0:
+            return {}
+        near = [c for c in fits.values() if c.gain > close * best.gain or (best.effect.delays and c.effect.delays)]
+        shaped = dict(fits) | {c.name: self.shaped(model, c) for c in near}
+        left = {name: c for name, c in shaped.items() if not c.belied}
+        # Without a likeness others are near.
+        return shaped if len(left) == len(shaped) else self.in_best_forms(model, left, close)
 
     def apart(self, model: Model, after: Model, left_N2: float) -> dict[str, float]:
         """Return by how much the quantities of the last term differ in other fits of it that explain nearly as much.
@@ -155,7 +175,7 @@ class Candidates:
         gain = sum(gain_parts(model, after))
         out: dict[str, float] = {}
         for (known, name, _), other in self._known.items():
-            if known != id(model) or name != last.name or other is None or other.model is after:
+            if known != id(model) or name != last.name or other is None or other.belied or other.model is after:
                 continue
             behind_N2 = gain - other.gain - PLAIN * other.samples_N2
             if behind_N2 > left_N2 or not self.known_sign(other):  # where nothing is known, no value says anything
@@ -196,7 +216,8 @@ class Candidates:
         if not signs_kept(joint) or term.effect.spans(term.params, term.weights, self.context) is not None:
             return None
         after = self._judged(joint)
-        one = Candidate(term.name, term.effect, after, *gain_parts(model, after))
+        belied = term.effect.belied(term.params, joint.parts_N[-1], joint.features, joint.reference)
+        one = Candidate(term.name, term.effect, after, *gain_parts(model, after), belied)
         return one if np.isfinite(one.gain) else None
 
     def _judged(self, joint: Joint) -> Model:

@@ -15,7 +15,7 @@ from friction_estimator.diagnosis.intervals import estimates
 from friction_estimator.diagnosis.joint import Joint, JointFit
 from friction_estimator.diagnosis.record import Record, build_record
 from friction_estimator.diagnosis.remainder import Remainder, unexplained
-from friction_estimator.diagnosis.repair import concealed, confirmed, repaired, scattered, with_repair
+from friction_estimator.diagnosis.repair import concealed, confirmed, left_by, repaired, scattered, with_repair
 from friction_estimator.diagnosis.result import (
     EFFECTS_FOUND,
     NOTHING_FOUND,
@@ -94,9 +94,10 @@ def diagnose(
     left_N2 = float(record.used.sum()) * max(0.0, last_error**2 - floor**2)
     effects = _named(record, context, found, errors, spread, left_N2, seed, trials, catalogue)
     progress("noise floor and remainder", 0.85)
-    found_faults += scattered(record, context, final, found_faults, catalogue)
+    view = left_by(record, context, final, found_faults)
+    found_faults += scattered(view, catalogue)
     concealed_by_one = any(f.conceals for f in found_faults)
-    remainder = None if concealed_by_one else unexplained(record, final, found, found_faults, seed)
+    remainder = None if concealed_by_one else unexplained(record, final, found, found_faults, view, seed)
     notes = [f"{f.name}: {f.evidence}" for f in found_faults if f.repaired == COMPLETELY]
     found_faults = [f for f in found_faults if f.repaired != COMPLETELY]
     left = max(0.0, last_error - floor)

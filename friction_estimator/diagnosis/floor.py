@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from friction_estimator.core.sample import Floats, Ints
-from friction_estimator.diagnosis.evidence import Evidence
+from friction_estimator.core.sample import Bools, Floats, Ints
 from friction_estimator.diagnosis.record import Record
 
 SAME_PERIOD = 0.01
@@ -23,6 +22,13 @@ SAME_SPEED = 0.05
 
 FAR_APART = 1e3
 """Distance of two recordings, in standard deviations of what else tells neighbours."""
+
+
+FEWEST_IN_STEP, IN_STEP = 500, 0.8
+"""Pairs, and the share of them that the next sample's follows, from which they tell the memory of the noise."""
+
+LONGEST_MEMORY, MOST_MEMORY = 40, 20.0
+"""Samples over which noise may be correlated, and by how much that may raise the power of slow averages."""
 
 
 def pairs(record: Record) -> tuple[Ints, Ints]:
@@ -129,6 +135,29 @@ def noise_floor(record: Record, residual_N: Floats, lattice_N: float = 0.0) -> f
     return max(float(np.sqrt(np.mean(np.square(difference)))), lattice_N / float(np.sqrt(12.0)))
 
 
+def noise_memory(record: Record, residual_N: Floats, paired: tuple[Ints, Ints]) -> float:
+    """Return by how much coloured noise raises the power of slow averages: 1 + 2 sum_l r_l of its autocorrelation.
+
+    Asked of the differences d of paired samples, since a slow error that is left would hide itself. Both samples of a
+    pair have noise: corr_l(d) = r_l (1 + c_l) / 2, with c_l the share of pairs l samples apart whose partners are, too.
+    """
+    first, second = paired
+    keep = record.used[first] & record.used[second]
+    first, second = first[keep], second[keep]
+    if first.size <= FEWEST_IN_STEP or np.mean(np.diff(first) == 1) < IN_STEP:
+        first = second = np.flatnonzero(record.used)
+        noise = residual_N[first]
+    else:
+        noise = residual_N[first] - residual_N[second]
+    centred = noise - noise.mean()
+    power = float(np.square(centred).mean()) or 1.0
+    total = 0.0
+    for lag in range(1, LONGEST_MEMORY + 1):
+        together = float(np.mean(second[lag:] - second[:-lag] == lag))
+        total += max(0.0, float(np.mean(centred[lag:] * centred[:-lag])) / power * 2.0 / (1.0 + together))
+    return float(np.clip(1.0 + 2.0 * total, 1.0, MOST_MEMORY))
+
+
 VARIABLES = (
     "velocity_m_s",
     "acceleration_m_s2",
@@ -193,28 +222,42 @@ def remainder_columns(record: Record, force_N: Floats) -> dict[str, Bins]:
     return out
 
 
-def variance_dependence(
-    record: Record, residual_N: Floats, evidence: Evidence, names: Sequence[str] = VARIABLES
-) -> tuple[str, float] | None:
-    """Return the variable on which the size of the residual depends most, and the share of its power, or None.
+@dataclass(frozen=True)
+class Scatter:
+    """A bin of a variable in which errors scatter more than elsewhere.
 
-    The log of the residual's power, averaged in bins, is compared with its scatter over blocks; a family-wise
-    1 % holds over all bins of all variables.
+    Attributes
+    ----------
+    variable : field of `Features`. share : of the errors' power that is there and would not be elsewhere.
+    inside : (m,) bool, the errors in the bin.
+    """
+
+    variable: str
+    share: float
+    inside: Bools
+
+
+def variance_dependence(record: Record, errors_N: Floats, at: Ints, names: Sequence[str] = VARIABLES) -> Scatter | None:
+    """Return where the size of errors (m,) at the samples `at` (m,) depends most on a variable, or None.
+
+    Their power, averaged in bins, is compared with its scatter over blocks; a family-wise 1 % holds over all bins of
+    all variables.
     """
     f = record.features
-    power = np.square(residual_N)
-    power = np.minimum(power, 40.0 * float(np.median(power[record.used])) / 0.4549)
-    total = float(power[record.used].mean())
-    best: tuple[str, float] | None = None
+    power = np.square(errors_N)
+    power = np.minimum(power, 40.0 * float(np.median(power)) / 0.4549)
+    total, block = float(power.mean()), record.block[at]
+    best: Scatter | None = None
     best_t = 6.5
     for name in names:
         values = getattr(f, name) if name != "force_N" else None
         if values is None or np.ptp(values[np.isfinite(values)]) == 0.0:
             continue
         bins = binned(record, np.abs(values), False)
-        inside = record.used & (bins.cell >= 0)
-        place = record.block[inside] * bins.count + bins.cell[inside]
-        size = evidence.blocks * bins.count
+        cell = bins.cell[at]
+        inside = cell >= 0
+        place = block[inside] * bins.count + cell[inside]
+        size = record.blocks * bins.count
         number = np.bincount(place, minlength=size).reshape(-1, bins.count)
         sums = np.bincount(place, weights=power[inside], minlength=size).reshape(-1, bins.count)
         for k in range(bins.count):
@@ -223,7 +266,7 @@ def variance_dependence(
             if per.size < 6:
                 continue
             t_value = (per.mean() - total) / max(per.std(ddof=1) / np.sqrt(per.size), 1e-300)
-            share = float((per.mean() - total) * number[:, k].sum() / record.used.size / total)
+            share = float((per.mean() - total) * number[:, k].sum() / at.size / total)
             if t_value > best_t and share > 0.01:
-                best_t, best = t_value, (name, share)
+                best_t, best = t_value, Scatter(name, share, cell == k)
     return best

@@ -5,15 +5,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from friction_estimator.core.sample import Floats
+from friction_estimator.core.sample import Floats, Ints
 from friction_estimator.diagnosis.evidence import Rule, null_maximum
-from friction_estimator.diagnosis.floor import remainder_columns, variance_dependence
+from friction_estimator.diagnosis.floor import Scatter, noise_memory, pairs, remainder_columns, variance_dependence
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.screening import FLIPS, LEVEL
 from friction_estimator.diagnosis.search import LATER_SHARE, Search
 from friction_estimator.effects.base import EFFECTS
-from friction_estimator.effects.detection import Fault
+from friction_estimator.effects.burst import COHERENT, differences, incoherent_share
+from friction_estimator.effects.detection import DataView, Fault
 from friction_estimator.effects.scatter import local_scale
 from friction_estimator.effects.spectrum import spectral_lines
 
@@ -23,6 +24,9 @@ what a further one would have to bring (`search.LATER_SHARE`)."""
 
 FAR = 4.8
 """Local standard deviations that count as far outside; white Gaussian noise has one in 600,000."""
+
+FEWEST_SPIKES = 6
+"""Samples so far outside that are told."""
 
 SPECTRUM = "frequency"
 
@@ -65,9 +69,10 @@ def unexplained(
     joint: Joint,
     found: Search,
     findings: Sequence[Fault],
+    view: DataView,
     seed: int,
 ) -> Remainder | None:
-    """Return the strongest dependence that is left, or None.
+    """Return the strongest dependence that is left, or None; `view` shows what the model leaves.
 
     Bins of each variable, in each direction of motion, are hypotheses like any other: held-out gain against the
     same bootstrap, family-wise over the variables.
@@ -79,7 +84,7 @@ def unexplained(
     null = null_maximum(evidence.flips(FLIPS), [evidence.projected(m) for m in moments.values()], list(rules.values()))
     noise = float(evidence.ee.sum()) / evidence.samples
     gains = {n: float(evidence.cross_validated(m, rules[n]).sum()) for n, m in moments.items()}
-    memory = _memory(joint.residual_N[record.used])
+    memory = noise_memory(record, joint.residual_N, view.pairs or pairs(record))
     for name in SLOW:
         if name in moments:
             # A block is a stretch of time: left out, nothing is known of its bins. In the sample, less chance's share.
@@ -101,27 +106,40 @@ def unexplained(
         share = line[1] / (explained + line[1])
         words = f"a line at {line[0]:.4g} Hz is left, which no named cause explains"
         return Remainder(SPECTRUM, share, "mean", words, line[0])
-    if not any(EFFECTS[f.name].scatters for f in findings) and not found.causes:
-        dependent = variance_dependence(record, joint.residual_N, evidence)
-        if dependent is not None:
-            return Remainder(dependent[0], dependent[1], "variance", _sentence(dependent[0], "the scatter"))
-        size = np.abs(joint.residual_N) / local_scale(record.features, record.used, joint.residual_N)
-        spikes = int((size[record.used] > FAR).sum())
-        if spikes >= 6:
-            words = f"{spikes} samples are far outside the scatter of the rest, at no particular place"
-            return Remainder("time_s", 0.0, "variance", words)
-    return None
+    return None if any(EFFECTS[f.name].scatters for f in findings) else _scatter(record, view, bool(found.causes))
 
 
-def _memory(residual: Floats) -> float:
-    """Return by how much coloured noise raises the power of slow averages: 1 + 2 sum of its autocorrelation.
+def _scatter(record: Record, view: DataView, beside: bool) -> Remainder | None:
+    """Return a scatter that depends on a variable, or spikes, or None.
 
-    Lags up to 40 samples, at most 20: what lasts longer is no noise.
+    Beside a cause what differs between cycles tells it: another form of the cause leaves a mean error that repeats.
     """
-    centred = residual - residual.mean()
-    power = float(np.square(centred).mean()) or 1.0
-    lags = [float(np.mean(centred[k:] * centred[:-k])) / power for k in range(1, 41)]
-    return float(np.clip(1.0 + 2.0 * np.maximum(lags, 0.0).sum(), 1.0, 20.0))
+    assert view.residual_N is not None
+    at: Ints = np.flatnonzero(record.used)
+    errors = view.residual_N[at]
+    if beside:
+        differing = differences(view)
+        if differing is None:
+            return None
+        errors, at = differing
+    dependent = variance_dependence(record, errors, at)
+    if dependent is not None and (not beside or _differs(dependent, errors, view.residual_N[at])):
+        return Remainder(dependent.variable, dependent.share, "variance", _sentence(dependent.variable, "the scatter"))
+    every, shown = np.zeros(view.residual_N.size), np.zeros(view.residual_N.size, np.bool_)
+    every[at], shown[at] = errors, True
+    size = np.abs(errors) / local_scale(record.features, shown, every)[at]
+    spikes = int((size > FAR).sum())
+    if spikes < FEWEST_SPIKES:
+        return None
+    words = f"{spikes} samples are far outside the scatter of the rest, at no particular place"
+    return Remainder("time_s", 0.0, "variance", words)
+
+
+def _differs(scatter: Scatter, errors: Floats, residual: Floats) -> bool:
+    """Return whether a scatter is what a further cause would have to bring, and most of what is left in its place."""
+    return (
+        scatter.share > LATER_SHARE and incoherent_share(errors, residual, scatter.inside.astype(np.float64)) > COHERENT
+    )
 
 
 def _sentence(variable: str, what: str) -> str:

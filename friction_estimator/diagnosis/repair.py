@@ -69,16 +69,15 @@ def repaired(
     return record, record.context(config, float(np.abs(fit.fitted_N).max())), found
 
 
-def scattered(
-    record: Record, context: Context, final: Joint, found: Sequence[Fault], catalogue: Catalogue = EFFECTS
-) -> list[Fault]:
-    """Return the faults that show in the scatter of what the last model leaves."""
-    asked = [cls for cls in catalogue.values() if cls.detects_at == "variance"]
-    if not asked:
-        return []
-    view = view_of(record, context, found)
-    view = replace(view, residual_N=final.residual_N, pairs=pairs(record))
-    return [fault for fault in (cls.detect(view) for cls in asked) if fault is not None]
+def scattered(view: DataView, catalogue: Catalogue = EFFECTS) -> list[Fault]:
+    """Return the faults that show in the scatter of what the last model leaves (`left_by`)."""
+    found = [cls.detect(view) for cls in catalogue.values() if cls.detects_at == "variance"]
+    return [fault for fault in found if fault is not None]
+
+
+def left_by(record: Record, context: Context, final: Joint, found: Sequence[Fault]) -> DataView:
+    """Return what a detector sees of what the last model leaves, and of which samples should be equal."""
+    return replace(view_of(record, context, found), residual_N=final.residual_N, pairs=pairs(record))
 
 
 def confirmed(

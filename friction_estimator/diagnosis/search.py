@@ -324,14 +324,10 @@ class Searcher:
     ) -> tuple[Candidate, tuple[str, ...], dict[str, float]] | None:
         """Return the best candidate in its best form, the names of its equals, and how far behind it others are."""
         fits = self._compared(model, view, out)
-        top = max((c.gain for c in fits.values()), default=0.0)
-        if top <= 0.0:
+        plain = dict(fits)
+        fits = self.fits.in_best_forms(model, fits, CLOSE)
+        if not fits:
             return None
-        # Those that come close are compared in the form that suits each best; so are times of the whole force with one
-        # of them: where the base's memory has taken up nearly all, what a plain form gets wrong is all that is left.
-        plain, times = dict(fits), max(fits.values(), key=lambda c: c.gain).effect.delays
-        near = [c for c in fits.values() if c.gain > CLOSE * top or (times and c.effect.delays)]
-        fits |= {c.name: self.fits.shaped(model, c) for c in near}
         best = plainest(max(fits.values(), key=lambda c: c.gain), list(fits.values()))
         # A recorded variable that changed is preferred to an unrecorded cause that would have had to change with it.
         if self.ordered and best.effect.acts == SLOW:
@@ -341,7 +337,7 @@ class Searcher:
                     best = one
         best = self.fits.resettled(model, self._ahead(self.fits.shaped(model, best), fits, plain))
         found = alike(view.evidence, view.library, best.model.joint.parts_N[-1], CONTENDER)
-        for name in [n for n in closest(found, SET_ERRORS, SET_SHARE) if n not in fits and n not in out][:MOST_ALIKE]:
+        for name in [n for n in closest(found, SET_ERRORS, SET_SHARE) if n not in plain and n not in out][:MOST_ALIKE]:
             one_more = self.fits(model, name, found[name].params)
             if one_more is not None:
                 fits[name] = one_more

@@ -223,6 +223,11 @@ class Effect:
         return None
 
     @classmethod
+    def belied(cls, params: Params, part_N: Floats, features: Features, reference: Reference) -> bool:  # noqa: ARG003
+        """Return whether the fitted force (n,) has a shape that is another cause's; plain forms cannot."""
+        return False
+
+    @classmethod
     def peaks(cls, residual_N: Floats, features: Features, context: Context) -> list[dict[str, float]]:  # noqa: ARG003
         """Return parameter sets that a residual (n,) suggests, beside those of the grid."""
         return []

@@ -60,8 +60,8 @@ class Burst:
     likelihood_ratio: float
 
 
-def differences(view: DataView) -> tuple[Floats, Floats, Ints, Floats] | None:
-    """Return differences of paired residuals over sqrt 2, time since the reversal, block, and the residuals, (m,) each.
+def differences(view: DataView) -> tuple[Floats, Ints] | None:
+    """Return differences of paired residuals over sqrt 2, (m,), N, and the samples that they belong to, (m,).
 
     The second of a pair is taken at the first one's time since the reversal, on the straight line between samples.
     """
@@ -83,7 +83,7 @@ def differences(view: DataView) -> tuple[Floats, Floats, Ints, Floats] | None:
     # A point between two samples has less noise than one on a sample, by (1 - s)^2 + s^2: even it out.
     share = np.abs(shift)
     evened = np.sqrt(1.0 + np.square(1.0 - share) + np.square(share))
-    return (residual[first] - moved) / evened, since[first], view.block[first], residual[first]
+    return (residual[first] - moved) / evened, first
 
 
 def _whole(used: Bools, index: Ints) -> Bools:
@@ -93,9 +93,10 @@ def _whole(used: Bools, index: Ints) -> Bools:
 def find_burst(view: DataView) -> Burst | None:
     """Regress the incoherent variance on exp(-2 t_rev / decay), block by block, and test its mean slope."""
     found = differences(view)
-    if found is None:
+    if found is None or view.residual_N is None:
         return None
-    difference, since, block, residual = found
+    difference, first = found
+    since, block, residual = view.features.since_reversal_s[first], view.block[first], view.residual_N[first]
     power = np.square(difference)
     if float(np.median(power)) < (REPEATS * view.context.force_rms_N) ** 2:
         return None
@@ -110,7 +111,7 @@ def find_burst(view: DataView) -> Burst | None:
     if best is None:
         return None
     decay, t_value, count = best
-    if _incoherent_share(difference, residual, np.exp(-2.0 * since / decay)) < COHERENT:
+    if incoherent_share(difference, residual, np.exp(-2.0 * since / decay)) < COHERENT:
         return None
     late = since > min(LATE * LEFT_OUT * view.context.step_s, 0.5 * decay)
     slope, error, several = _mean_slope(np.exp(-2.0 * since[late] / decay), capped[late], block[late])
@@ -122,7 +123,7 @@ def find_burst(view: DataView) -> Burst | None:
     return _burst_of(since, power, min(1.0, len(DECAYS_S) * max(p_values)))
 
 
-def _incoherent_share(difference: Floats, residual: Floats, weight: Floats) -> float:
+def incoherent_share(difference: Floats, residual: Floats, weight: Floats) -> float:
     """Return the power of the differences over that of the residuals, both above the usual one, by these weights."""
     usual = float(np.median(np.square(difference))) / MEDIAN_POWER
     differs, left = (float(weight @ (np.square(values) - usual)) for values in (difference, residual))

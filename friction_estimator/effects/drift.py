@@ -158,6 +158,11 @@ class ViscosityDrift(Effect):
             return f"its time constant of {params['time_constant']:.3g} s is beyond twice the recording"
         return None
 
+    @classmethod
+    def belied(cls, params: Params, part_N: Floats, features: Features, reference: Reference) -> bool:
+        """A free shape that is nearer to a change of the boundary level is that of wear."""
+        return params.get("shape", 0.0) >= FREE and not _nearer(part_N, VISCOUS, BOUNDARY, features, reference)
+
     signs = (1,)
     refined = ("time_constant",)
 
@@ -240,7 +245,22 @@ class Wear(Effect):
             return f"its length of {quantity(params['length'], POSITION, '.3g')} is beyond twice the distance run"
         return None
 
+    @classmethod
+    def belied(cls, params: Params, part_N: Floats, features: Features, reference: Reference) -> bool:
+        """A free shape that is nearer to a change of the viscosity is that of warming."""
+        return params.get("shape", 0.0) >= FREE and not _nearer(part_N, BOUNDARY, VISCOUS, features, reference)
+
     refined = ("length",)
+
+
+def _nearer(part_N: Floats, own: int, other: int, f: Features, r: Reference) -> bool:
+    """Return whether a slow change (n,) goes with the speed as one part of the theory does rather than as the other.
+
+    |cos| of the angle between it and each part. A theory without parts tells nothing.
+    """
+    parts = [r.part(which, f.velocity_m_s, f.pressure_Pa) for which in (own, other)]
+    along = [abs(float(part_N @ part)) / max(float(np.sqrt(part @ part)), 1e-300) for part in parts]
+    return along[0] >= along[1]
 
 
 def _by_speed(f: Features, r: Reference) -> Floats:

@@ -7,7 +7,7 @@ import numpy as np
 
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import REVERSAL, Effect, Key, Params, Words, chosen, effect, form_key
-from friction_estimator.effects.burst import find_burst
+from friction_estimator.effects.burst import LEFT_OUT, find_burst
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.detection import NOT_REPAIRED, DataView, Fault
 from friction_estimator.effects.features import Context, Features
@@ -393,6 +393,8 @@ class StickSlip(Effect):
         a, d = burst.amplitude_N, burst.decay_s
         reach = float(np.hypot(burst.amplitude_reach_N, cls.systematic["amplitude"] * a))
         if reach >= a:  # as of any other cause: what may be nothing has no name
+            return None
+        if d - burst.decay_reach_s <= LEFT_OUT * view.context.step_s:  # what may be the sampling has none either
             return None
         return Fault(
             cls.name,
