@@ -6,10 +6,12 @@ from diagnosis_records import abba
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import BaseProblem
+from friction_estimator.diagnosis.candidates import Candidates
 from friction_estimator.diagnosis.joint import JointFit, cross_validated_loss
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import build_record
 from friction_estimator.effects import EFFECTS, parse_effect
+from friction_estimator.rig.drive import segment
 from friction_estimator.rig.simulate import Scenario, Simulation, simulate
 
 SEAL = Config.from_mapping({"theory.kind": "seal"})
@@ -127,3 +129,18 @@ def test_a_filter_of_two_poles_is_the_same_in_pieces() -> None:
     whole = EFFECTS["sensor_lowpass"].columns(params)(joint.features, joint.reference)
     assert np.array_equal(np.concatenate(pieces), whole)
     assert np.abs(whole).max() > 0.1
+
+
+def test_bristles_are_found_where_the_base_has_bent_towards_them() -> None:
+    """Sharp turns: the first sample after one is past the short bristles, one exponential fits the longest."""
+    parts = ((1.3, 50.0, 6.5, "crank"), (4.0, 50.0, 12.0, "triangle"), (1.3, 200.0, 6.5, "crank"))
+    drive = tuple(segment(*part) for part in (*parts, (4.0, 200.0, 12.0, "triangle")))
+    run = simulate(Scenario(drive, "maxwell_slip", 200.0, 0.01, 3))
+    data = build_record([run.samples], SEAL)
+    context = data.context(SEAL, float(np.abs(data.friction_N).max()))
+    fits = Candidates(BaseProblem(data, SEAL), context, EFFECTS, 0)
+    base = fits.base()
+    plain = fits(base, "presliding", {"length": 8e-4})
+    assert plain is not None
+    left = fits.shaped(base, plain).model.joint.residual_N[data.used]
+    assert np.sqrt(np.mean(np.square(left))) < 1.1 * run.noise_N.std()

@@ -1,10 +1,12 @@
 """The search on plants of another hand: order of causes, forms of one cause. More of it: hard/hard_diagnosis.py."""
 
+import numpy as np
 import pytest
 from diagnosis_records import names, record
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.diagnose import diagnose
+from friction_estimator.diagnosis.record import build_record
 from friction_estimator.diagnosis.search import Cause
 from friction_estimator.effects import EFFECTS
 from friction_estimator.rig.drive import segment
@@ -34,6 +36,25 @@ def test_a_bias_is_named_beside_directions_that_are_unlike() -> None:
     assert set(names(found)) == set(both)
     bias = next(e for e in found.effects if e.name == "sensor_bias").parameters["bias"]
     assert bias.value == pytest.approx(0.3, rel=0.15)
+
+
+@pytest.mark.parametrize("hidden", [[], ["breakaway:size=0.04,length=3e-5"]])
+def test_an_alternative_is_a_cause_of_its_own_where_the_first_one_leaves_much(hidden) -> None:
+    """Bristles are this plant's own; breakaway is of the same family."""
+    some = {name: EFFECTS[name] for name in ("presliding", "breakaway")}
+    found = diagnose([record(hidden, plant="maxwell_slip")], Config(), catalogue=some)
+    assert names(found) == (list(some) if hidden else ["presliding"])
+
+
+def test_bristles_that_never_slip_are_no_presliding() -> None:
+    """One length of several bristles is a matter of reversals, but what carries the force is longer than the stroke."""
+    bristles, context = EFFECTS["presliding"], build_record([record()], Config()).context(Config(), 5.0)
+    params = {"length": 0.2 * context.stroke_m, "spread": 1.0}
+    carried = np.zeros(bristles.columns(params).size)
+    for place, refused in ((0, False), (-2, True)):
+        some = carried.copy()
+        some[place] = 0.3
+        assert (bristles.spans(params, some, context) is not None) == refused
 
 
 def test_a_difference_below_what_no_cause_explains_makes_a_rival() -> None:

@@ -147,6 +147,9 @@ class JointFit:
     def _fit(self, terms: list[Term], base: Coefficients, rounds: int, search: bool) -> Joint:
         """Fit terms from where they are, or from where a search has put the last one."""
         reference, features = self._reference(base, terms)
+        if search and terms[-1].effect.carries(terms[-1].params):
+            # The base has bent towards what bristles lack, most at low speed: the level that they carry is another one.
+            reference = self._base.untouched or reference
         if search and terms[-1].effect.refined:
             looked = self._scanned if self._base.changed_by(terms[-1]) else self._searched
             terms[-1] = replace(terms[-1], params=looked(terms, base, reference, features))

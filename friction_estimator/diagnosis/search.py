@@ -249,8 +249,7 @@ class Searcher:
         if id(model) not in self._views:
             joint = model.joint
             evidence = joint.evidence(self.record, self.seed)
-            families = {t.effect.family for t in joint.terms}
-            out = {*self.known, *(n for n, cls in self.catalogue.items() if cls.family in families)}
+            out = {*self.known, *self._excluded(model)}
             if self.ordered and any(t.effect.recorded for t in joint.terms):
                 out |= {n for n, cls in self.catalogue.items() if cls.acts == SLOW}
             library = build_library(self.catalogue, joint.features, joint.reference, self.context, evidence, out)
@@ -261,6 +260,15 @@ class Searcher:
             )
             self.fits.keep(model)
         return self._views[id(model)]
+
+    def _excluded(self, model: Model) -> set[str]:
+        """Return what is in a model, with its alternatives unless it leaves much; of the times it takes one."""
+        there = {t.name for t in model.joint.terms}
+        families = {self.catalogue[name].family for name in there}
+        alike = {name for name, cls in self.catalogue.items() if cls.family in families}
+        if alike == there or self._left(model) < SECOND_LEFT * float(model.loss.sum()):
+            return alike
+        return there | {name for name in alike if self.catalogue[name].delays}
 
     def _admitted(self, model: Model, best: Candidate, by_data: bool, causes: list[Cause]) -> bool:
         """Return whether the best candidate may be named."""
@@ -276,6 +284,8 @@ class Searcher:
             return False
         left = self._left(model)
         if best.gain < SECOND_SHARE * causes[0].gain and best.gain < SECOND_LEFT * left:
+            return False
+        if best.effect.family in {self.catalogue[c.name].family for c in causes} and best.gain < ALIKE_LEFT * left:
             return False
         like = [c.gain for c in causes if best.effect.acts == self.catalogue[c.name].acts == REVERSAL]
         return not like or best.gain >= min(ALIKE_SHARE * max(like), ALIKE_LEFT * left)

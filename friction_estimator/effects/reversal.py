@@ -219,8 +219,12 @@ class Presliding(Effect):
 
     @classmethod
     def variants(cls, params: Params) -> list[dict[str, float]]:
-        """Bristles of several lengths: generalised Maxwell slip. One exponential is nearest to the short ones."""
-        return [dict(params) | {"spread": 1.0, "length": factor * params["length"]} for factor in (1.0, 8.0)]
+        """Bristles of several lengths: generalised Maxwell slip.
+
+        One exponential is nearest to the short ones, or, where the first samples after a reversal show little of these,
+        to the longest.
+        """
+        return [dict(params) | {"spread": 1.0, "length": factor * params["length"]} for factor in (0.125, 1.0, 8.0)]
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
@@ -233,9 +237,9 @@ class Presliding(Effect):
         return {"amplitude": (amplitude, "N"), "length": (length, "m")}
 
     @classmethod
-    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
-        """A length that takes much of the stroke is no matter of reversals."""
-        return beyond_length("length", params["length"], context)
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:
+        """A length that takes much of the stroke is no matter of reversals: what never slips is a spring."""
+        return beyond_length("length", cls.physical(params, weights, context)["length"][0], context)
 
     signs = (1,)
     refined = ("length",)
