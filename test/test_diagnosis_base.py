@@ -11,6 +11,7 @@ from friction_estimator.diagnosis import base_problem
 from friction_estimator.diagnosis.base import BaseFit, fit_base
 from friction_estimator.diagnosis.base_problem import ALARM, SPLINES, BaseProblem, Capacity, Coefficients
 from friction_estimator.diagnosis.diagnose import diagnose
+from friction_estimator.diagnosis.lagged import LaggedProducts, lagged
 from friction_estimator.diagnosis.record import build_record
 from friction_estimator.effects import EFFECTS
 
@@ -103,3 +104,21 @@ def test_the_model_of_one_time_is_the_static_force_of_another_time() -> None:
     fit = BaseFit.of(moved, moved.fit())
     assert fit.effective_taps[:3] == pytest.approx(plain.effective_taps[:3], abs=0.03)
     assert np.std(fit.residual_N) == pytest.approx(np.std(plain.residual_N), rel=0.05)
+
+
+@pytest.mark.parametrize(("order", "gaps"), [(0, 0.0), (5, 0.0), (5, 0.05), (40, 0.02)])
+def test_products_of_lagged_columns_are_sums_over_the_samples_in_use(order: int, gaps: float) -> None:
+    """Formed from those of lag 0, across pieces shorter than the memory and samples out of use."""
+    rng = np.random.default_rng(5)
+    n, width = 300, 3
+    static, force = rng.standard_normal((n, width)), rng.standard_normal(n)
+    static[rng.random((n, width)) < 0.4] = 0.0
+    used, restart = rng.random(n) >= gaps, rng.random(n) < gaps
+    restart[0] = True
+    block = np.sort(rng.integers(0, 4, n))
+    found = LaggedProducts(static, order, force, used, restart, block)
+    for b, gram, cross in zip(range(4), found.gram, found.cross, strict=True):
+        columns = np.array([lagged(static, i, found.start) for i in range(order + 1)]).transpose(1, 0, 2).reshape(n, -1)
+        here = columns * (used & (block == b))[:, None]
+        np.testing.assert_allclose(gram, here.T @ here, atol=1e-11)
+        np.testing.assert_allclose(cross, here.T @ force, atol=1e-11)

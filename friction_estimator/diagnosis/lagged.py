@@ -99,10 +99,8 @@ class LaggedProducts:
         self.gram = np.zeros((blocks, self.size, self.size))
         self.cross = np.zeros((blocks, self.size))
         for b in self._chosen:
-            rows = slice(self.edges[b], self.edges[b + 1])
-            m = self.rows(rows)
-            self.gram[b] = inner(m, m)
-            self.cross[b] = m.T @ self._force[rows]
+            begin, end = self.edges[b : b + 2]
+            add_products(static, self.start, begin, end, used, self._force, self.gram[b], self.cross[b])
         self.whole_gram = self.gram.sum(axis=0)
         self.power = np.add.reduceat(np.square(self._force), self.edges[:-1])
         self.count = np.add.reduceat(used.astype(np.float64), self.edges[:-1])
@@ -149,6 +147,57 @@ class LaggedProducts:
             if own:
                 out[:, m + taps.size + i - 1] = first[back] - first[now]
         return out
+
+
+@njit(cache=True)
+def add_products(static, start, begin, end, used, force, gram, cross):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Add the products of all lagged columns, over the samples in use of begin ... end - 1, to (L, L) and (L,).
+
+    Only those with the columns of lag 0 are summed over the samples. Those of lags i + 1 and j + 1 are the products of
+    lags i and j, a sample earlier: they differ by the samples where the block, a gap-free piece or what is in use
+    begins or ends. So the cost is n m L instead of n L^2.
+    """
+    width = static.shape[1]
+    lags = cross.size // width
+    for k in range(begin, end):
+        if not used[k]:
+            continue
+        for i in range(lags):
+            back = max(k - i, start[k])
+            for j in range(width):
+                cross[i * width + j] += force[k] * static[back, j]
+                if static[k, j] != 0.0:  # a spline is, nearly everywhere
+                    for c in range(width):
+                        gram[j, i * width + c] += static[k, j] * static[back, c]
+    for k in range(begin - 1, end):
+        # Sample k as one of lag i + 1 of the next sample, less itself as one of lag i.
+        earlier = k + 1 < end and start[k + 1] <= k and used[k + 1]
+        own = k >= begin and used[k]
+        if earlier != own:
+            _add_lagged(static, k, start[k], 1.0 if earlier else -1.0, lags, gram)
+        if k >= begin and start[k] == k and used[k]:  # where a piece begins, all lags hold its first value
+            _add_lagged(static, k, k, 1.0, lags, gram)
+    for row in range(width, cross.size):
+        for column in range(row, cross.size):
+            gram[row, column] += gram[row - width, column - width]
+    for row in range(cross.size):
+        for column in range(row):
+            gram[row, column] = gram[column, row]
+
+
+@njit(cache=True)
+def _add_lagged(static, k, start, weight, lags, gram):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Add weight static[k - i]' static[k - j] to the products of lags i + 1 and j + 1, where j >= i."""
+    width = static.shape[1]
+    for i in range(lags - 1):
+        left = max(k - i, start)
+        for a in range(width):
+            value = weight * static[left, a]
+            if value != 0.0:
+                for j in range(i, lags - 1):
+                    right = max(k - j, start)
+                    for c in range(width):
+                        gram[(i + 1) * width + a, (j + 1) * width + c] += value * static[right, c]
 
 
 @njit(cache=True)
