@@ -1,6 +1,7 @@
 """What is damaged, packed or still being written: read whole, or refused in one line, in bounded memory."""
 
 import bz2
+import ctypes
 import os
 import shlex
 import signal
@@ -8,6 +9,7 @@ import sqlite3
 import subprocess
 import sys
 import tracemalloc
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,6 +27,7 @@ from friction_estimator.bag.table import TableSpec, read_table
 from friction_estimator.bag.write import write_samples
 from friction_estimator.core.errors import InputError, UnanswerableError
 from friction_estimator.core.sample import NS_PER_S, Samples
+from friction_estimator.memory import give_back
 
 START = 1_700_000_000 * NS_PER_S
 SPEC = TableSpec("t", {"velocity": "v", "friction": "f"})
@@ -232,3 +235,18 @@ def test_a_table_is_read_where_less_memory_is_allowed_than_its_reader_would_take
     limited = f"ulimit -v {900 << 10} && exec {shlex.quote(sys.executable)} -m friction_estimator {' '.join(words)}"
     run = subprocess.run(["/bin/sh", "-c", limited], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
+
+
+def resident_MB() -> float:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "malloc_trim"), reason="the C library is not glibc")
+def test_what_was_freed_between_what_is_kept_is_given_back():
+    before = resident_MB()
+    blocks = [bytes(1000) for _ in range(100_000)]
+    kept = blocks[-1]
+    blocks.clear()
+    give_back()
+    assert resident_MB() - before < 50.0
+    assert len(kept) == 1000
