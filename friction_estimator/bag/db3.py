@@ -37,10 +37,12 @@ _LATER = "SELECT min(timestamp) FROM messages INDEXED BY {index} WHERE timestamp
 _OF_PAGE = "FROM messages INDEXED BY {index} WHERE timestamp BETWEEN ? AND ? AND topic_id IN ({topics})"
 
 _PAGE = f"""
-SELECT count(*), max(length(data)), group_concat(data, ''), group_concat(timestamp - ?), group_concat(topic_id)
+SELECT count(*), max(typeof(data)), max(length(data)),
+  group_concat(data, ''), group_concat(timestamp - ?), group_concat(topic_id)
 {_OF_PAGE}
 """
-"""Times are counted from a moment shortly before them: what has fewer digits is written and read faster."""
+"""Of all types of SQLite blob is the first: where it is the last, there is no other, and lengths are those in bytes.
+Times are counted from a moment shortly before them: what has fewer digits is written and read faster."""
 
 _LENGTHS = f"SELECT group_concat(length(data)) {_OF_PAGE}"
 """Asked for where the messages of a page have not all one length."""
@@ -197,7 +199,7 @@ def _span(database: sqlite3.Connection, count: int) -> ReaderMetadata:
 
 def _pages(path: Path, index: str, topics: dict[int, str]) -> Iterator[Timed]:
     """Yield the messages of topics by number, a batch for each topic of a page."""
-    asked = sorted(topics)
+    asked = list(topics)
     parts = {"index": _quoted(index), "topics": _marks(asked)}
     behind_of, later_than, page_of, lengths_of = (q.format(**parts) for q in (_BEHIND, _LATER, _PAGE, _LENGTHS))
     rows, from_ns = _FIRST_PAGE, -(2**63)
@@ -210,17 +212,17 @@ def _pages(path: Path, index: str, topics: dict[int, str]) -> Iterator[Timed]:
             behind_ns = NOTHING_BEHIND if behind_ns is None else behind_ns
             if behind_ns <= from_ns:
                 raise DamagedError("its index of times is wrong")
-            place, before_ns = (from_ns, behind_ns - 1, *asked), max(from_ns, 0)
+            place, before_ns = (from_ns, behind_ns - 1, *asked), max(int(from_ns), 0)
             try:
-                count, longest, joined, *page = database.execute(page_of, (before_ns, *place)).fetchone()
+                count, kind, longest, joined, *page = database.execute(page_of, (before_ns, *place)).fetchone()
             except sqlite3.DataError:  # longer than a value of SQLite may be
                 if rows == 1:
                     raise
                 rows //= 2
                 continue
             if count:
-                if longest is None:
-                    raise DamagedError("a message lacks its time, topic or payload")
+                if kind != b"blob":
+                    raise DamagedError("a message is no sequence of bytes")
                 lengths = np.full(count, longest)
                 if lengths.sum() != len(joined):  # not all of them are as long as the longest
                     lengths = _integers(database.execute(lengths_of, place).fetchone()[0], count)
@@ -234,7 +236,7 @@ def _batches(
     joined: bytes, lengths: Ints, times: Ints, numbers: Ints, topics: dict[int, str], behind_ns: int
 ) -> Iterator[Timed]:
     """Yield the batches of a page: joined payloads; of each message its length, time and topic's number."""
-    if lengths.min() < 0 or lengths.sum() != len(joined):
+    if lengths.sum() != len(joined):
         raise DamagedError("a message is no sequence of bytes")
     if np.any(times[1:] < times[:-1]):
         raise DamagedError("its index of times is wrong")

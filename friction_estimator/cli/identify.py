@@ -64,9 +64,10 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
     tell_theory(output, config, samples)
     begin = time.perf_counter()
     with progress("fitting", len(samples)) as advance:
-        in_motion = learned > standstill(samples, config.velocity_scale)  # greater: and not
-        fit = fit_batch(samples, config, extension_from_config(config), use=in_motion)
-        del in_motion
+        # Greater: and not. Nothing else holds it, so that the fit lets go of it when it knows what it uses of it.
+        fit = fit_batch(
+            samples, config, extension_from_config(config), use=learned > standstill(samples, config.velocity_scale)
+        )
         advance(len(samples))
     seconds = time.perf_counter() - begin
     result = judged(session, _as_replay(session, config, fit, learned, seconds))

@@ -91,3 +91,7 @@ def _run(chosen: str | None, arguments: list[str]) -> int:
         if given and given not in str(error):  # it shows only where a model is built
             error.where = ", ".join(filter(None, (given, error.where)))
         raise
+
+
+if __name__ == "__main__":
+    sys.exit(program())

@@ -19,7 +19,6 @@ from friction_estimator.core.model.theory_choice import has_pressure, told, warn
 from friction_estimator.core.quantities import Quantities
 from friction_estimator.core.sample import Samples, joined
 from friction_estimator.core.settings.config import PARAMETERS, Config
-from friction_estimator.memory import give_back
 
 Item = TypeVar("Item")
 
@@ -181,7 +180,6 @@ def load(
     several = len(args.bags) + len(args.test) > 1
     learned = [_read(bag, args, config, output, "learned" if several else "", learner) for bag in args.bags]
     others = [_read(bag, args, config, output, "test") for bag in args.test]
-    give_back()
     config = settled(config, [recording for recording, _ in (*learned, *others)]).updated(_live_input(learned[0][0]))
     quantities = common.quantities_from(args, config)
     return Session(_with(learned, config), _with(others, config), config, quantities)

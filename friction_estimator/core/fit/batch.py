@@ -21,6 +21,7 @@ from friction_estimator.core.model.prior import Prior
 from friction_estimator.core.model.structure import CHUNK, Extension, Model, Parameters
 from friction_estimator.core.sample import Bools, Floats, Samples
 from friction_estimator.core.settings.config import Config
+from friction_estimator.memory import give_back
 
 LOAD_ROUNDS = 3
 """Fits, each with the load of the one before, where friction follows the load."""
@@ -145,28 +146,29 @@ def fit_batch(
     if doubt is not None and doubt.any() and fitted(model, samples, use & (doubt == 0.0)).any():
         posterior, ends = _least(*given, use & (doubt == 0.0))
         use = use & _told(posterior, posterior.compensated(ends[0]), model, samples)
+    use = fitted(model, samples, use)
     posterior, ends = _least(*given, use)
     theta = posterior.compensated(ends[0])
     parameters = model.split(theta)
+    give_back()  # the predictions are as long as the record
     predicted = predict(samples, config, parameters, extension)
-    used = fitted(model, samples, use)
     measured = samples.friction_N
 
     def error(part: slice) -> Floats:
         return measured[part] - predicted[part]
 
-    squares = (np.square(error(part)[used[part]]) for part in sums.parts(len(samples)))
+    squares = (np.square(error(part)[use[part]]) for part in sums.parts(len(samples)))
     freedom = max(1.0, posterior.moments.count - posterior.degrees_of_freedom(theta))
     return BatchFit(
         model=model,
         posterior=posterior,
         parameters=parameters,
         predicted_N=predicted,
-        nrmse=nrmse(measured, predicted, used),
-        residual_rms_N=float(np.sqrt(sums.total(squares, int(np.count_nonzero(used))) / freedom)),
+        nrmse=nrmse(measured, predicted, use),
+        residual_rms_N=float(np.sqrt(sums.total(squares, int(np.count_nonzero(use))) / freedom)),
         start_costs=tuple(posterior.cost(end) for end in ends),
         errors=errors_by_cell(
-            model.basis, samples.velocity_m_s, lambda part: error(part) / model.unit_N, used, samples.restart
+            model.basis, samples.velocity_m_s, lambda part: error(part) / model.unit_N, use, samples.restart
         ),
     )
 
