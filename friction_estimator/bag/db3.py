@@ -37,12 +37,12 @@ _LATER = "SELECT min(timestamp) FROM messages INDEXED BY {index} WHERE timestamp
 _OF_PAGE = "FROM messages INDEXED BY {index} WHERE timestamp BETWEEN ? AND ? AND topic_id IN ({topics})"
 
 _PAGE = f"""
-SELECT count(*), max(typeof(data)), max(length(data)),
+SELECT count(*), typeof(min(data)), max(length(data)),
   group_concat(data, ''), group_concat(timestamp - ?), group_concat(topic_id)
 {_OF_PAGE}
 """
-"""Of all types of SQLite blob is the first: where it is the last, there is no other, and lengths are those in bytes.
-Times are counted from a moment shortly before them: what has fewer digits is written and read faster."""
+"""To SQLite all numbers and texts are less than a blob: where the least is one, all are, and lengths are those in bytes;
+what is NULL has none. Times are counted from a moment shortly before them: fewer digits are written and read faster."""
 
 _LENGTHS = f"SELECT group_concat(length(data)) {_OF_PAGE}"
 """Asked for where the messages of a page have not all one length."""
