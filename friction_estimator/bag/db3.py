@@ -41,8 +41,8 @@ SELECT count(*), typeof(min(data)), max(length(data)),
   group_concat(data, ''), group_concat(timestamp - ?), group_concat(topic_id)
 {_OF_PAGE}
 """
-"""To SQLite all numbers and texts are less than a blob: where the least is one, all are, and lengths are those in bytes;
-what is NULL has none. Times are counted from a moment shortly before them: fewer digits are written and read faster."""
+"""To SQLite all numbers and texts are less than a blob: where the least is one, all are, and lengths are those in
+bytes; what is NULL has none. Times are counted from a moment shortly before: fewer digits are quicker to write."""
 
 _LENGTHS = f"SELECT group_concat(length(data)) {_OF_PAGE}"
 """Asked for where the messages of a page have not all one length."""
