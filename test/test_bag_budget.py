@@ -26,8 +26,8 @@ from friction_estimator.bag.source import Source
 from friction_estimator.bag.table import TableSpec, read_table
 from friction_estimator.bag.write import write_samples
 from friction_estimator.core.errors import InputError, UnanswerableError
+from friction_estimator.core.memory import give_back
 from friction_estimator.core.sample import NS_PER_S, Samples
-from friction_estimator.memory import give_back
 
 START = 1_700_000_000 * NS_PER_S
 SPEC = TableSpec("t", {"velocity": "v", "friction": "f"})

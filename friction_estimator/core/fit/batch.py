@@ -14,6 +14,7 @@ from friction_estimator.core.fit.band import Curve, errors_by_cell, median_condi
 from friction_estimator.core.fit.load_report import LearnedLoad, learned_loads
 from friction_estimator.core.fit.moments import fitted, gather
 from friction_estimator.core.fit.posterior import Posterior, settle
+from friction_estimator.core.memory import give_back
 from friction_estimator.core.metrics import nrmse
 from friction_estimator.core.model.load import DOUBTFUL
 from friction_estimator.core.model.prediction import delay_lines, predict_fixed
@@ -21,7 +22,6 @@ from friction_estimator.core.model.prior import Prior
 from friction_estimator.core.model.structure import CHUNK, Extension, Model, Parameters
 from friction_estimator.core.sample import Bools, Floats, Samples
 from friction_estimator.core.settings.config import Config
-from friction_estimator.memory import give_back
 
 LOAD_ROUNDS = 3
 """Fits, each with the load of the one before, where friction follows the load."""
