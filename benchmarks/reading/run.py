@@ -2,9 +2,10 @@
 
     python benchmarks/reading/run.py [--samples 10000000] [--pairs 1000000] [--keep FOLDER]
 
-Times are processor time, the least of some runs, and for the verbs on a long recording beside it time by the clock:
-`replay` reads in one thread and learns in another, so it needs two free cores. Every ratio is of one run of this
-script. Memory is the largest resident set of the process (`ru_maxrss`). Writes README.md beside this file.
+Times are processor time, the least of some runs (of a start: medians of rounds in turns), and for the verbs on a long
+recording beside it time by the clock: `replay` reads in one thread and learns in another, so it needs two free cores.
+Every ratio is of one run of this script. Memory is the largest resident set of the process (`ru_maxrss`). Writes
+README.md beside this file.
 """
 
 import argparse

@@ -155,8 +155,9 @@ def add_products(static, start, begin, end, used, force, gram, cross):  # type: 
 
     Only those with the columns of lag 0 are summed over the samples. Those of lags i + 1 and j + 1 are the products of
     lags i and j, a sample earlier: they differ by the samples where the block, a gap-free piece or what is in use
-    begins or ends. So the cost is n m L instead of n L^2. What ends there is subtracted: a value 1e4 times the usual
-    costs five digits, one of 1e6 nine.
+    begins or ends. So the cost is n m L instead of n L^2, as for the sparse rows
+    of `core.fit.moments.gather`, which leave out what follows a gap. What ends there is subtracted: a value 1e4 times
+    the usual costs five digits, one of 1e6 nine.
     """
     width = static.shape[1]
     lags = cross.size // width

@@ -7,7 +7,7 @@ import numpy as np
 
 from friction_estimator.core.sample import Floats, Ints
 from friction_estimator.diagnosis.evidence import Rule, null_maximum
-from friction_estimator.diagnosis.floor import Scatter, noise_memory, pairs, remainder_columns, variance_dependence
+from friction_estimator.diagnosis.floor import Scatter, noise_memory, remainder_columns, variance_dependence
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.screening import FLIPS, LEVEL
@@ -84,7 +84,8 @@ def unexplained(
     null = null_maximum(evidence.flips(FLIPS), [evidence.projected(m) for m in moments.values()], list(rules.values()))
     noise = float(evidence.ee.sum()) / evidence.samples
     gains = {n: float(evidence.cross_validated(m, rules[n]).sum()) for n, m in moments.items()}
-    memory = noise_memory(record, joint.residual_N, view.pairs or pairs(record))
+    assert view.pairs is not None
+    memory = noise_memory(record, joint.residual_N, view.pairs)
     for name in SLOW:
         if name in moments:
             # A block is a stretch of time: left out, nothing is known of its bins. In the sample, less chance's share.

@@ -8,6 +8,7 @@ from measured_seals import WITHOUT_THEORY, check_measured_seal
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.diagnose import diagnose
+from friction_estimator.effects import EFFECTS
 
 RIG = {"direction_asymmetry", "pressure_dependence", "frictional_lag"}
 
@@ -26,6 +27,14 @@ RIG = {"direction_asymmetry", "pressure_dependence", "frictional_lag"}
 )
 def test_the_set_is_what_is_hidden_and_the_plants_traits(hidden: str, plant: str, found: set[str]) -> None:
     assert set(names(diagnose([record([hidden], plant=plant)], Config()))) == found
+
+
+def test_what_is_not_in_the_catalogue_is_not_explained_by_all_the_others() -> None:
+    without = {name: cls for name, cls in EFFECTS.items() if name != "squeeze_film"}
+    result = diagnose([record(["squeeze_film:size=0.04,speed=0.01"])], Config(), catalogue=without)
+    assert result.verdict in ("unexplained", "effects_found")
+    assert result.unexplained_percent > 5.0
+    assert result.remainder is not None
 
 
 @pytest.mark.parametrize(
