@@ -18,6 +18,7 @@ REQUIRED = [
     "PyYAML>=6.0",
     "jsonschema>=4.10",
     "rosbags>=0.11.0",
+    "apsw",
     "lz4>=4.0",
     "backports.zstd; python_version < '3.14'",
 ]

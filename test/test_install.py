@@ -24,7 +24,7 @@ IMPORTED_AS = {"PyWavelets": "pywt", "PyYAML": "yaml", "backports.zstd": "backpo
 ROSDEP = {"PyYAML": "python3-yaml", "rosbags": "python3-rosbags-pip"}
 """Distribution -> key of rosdep, where it is not python3-NAME."""
 
-WITHOUT_KEY = {"PyWavelets", "lz4", "backports.zstd"}
+WITHOUT_KEY = {"PyWavelets", "apsw", "lz4", "backports.zstd"}
 """PyWavelets has no key (the README names Ubuntu's package), rosbags brings the others."""
 
 WITH_BOKEH = {"jinja2", "markupsafe", "tornado"}
