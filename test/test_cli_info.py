@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from friction_estimator.bag import source as source_module
 from friction_estimator.bag.merge import Part
 from friction_estimator.bag.recording import Stream
 from friction_estimator.bag.statistics import Account, describe, moving_speeds
@@ -287,3 +288,15 @@ def test_a_small_recording_is_told_of_without_what_takes_long_to_load(tmp_path):
     for _ in range(2):  # the first may have to compile
         done = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
     assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_a_recording_is_opened_once(tmp_path, capsys, monkeypatch):
+    """What is packed is unpacked once, however often it is read."""
+    path, opened = tmp_path / "bag", []
+    write_samples(path, drive(sine(2000)))
+    prepared = source_module.prepared
+    monkeypatch.setattr(source_module, "prepared", lambda path, stack: opened.append(path) or prepared(path, stack))
+    code, found, _ = info(path, capsys)
+    assert code == 0
+    assert found["pairing"]["used"] == 2000
+    assert opened == [path]

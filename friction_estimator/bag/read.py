@@ -1,7 +1,7 @@
 """From a recording to the streams of its inputs, in SI units and in recorded order: whole, or piece by piece."""
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path, PurePath
 
@@ -40,7 +40,7 @@ Progress = Callable[[int, int], None]
 
 
 def read_recording(
-    path: str | PurePath,
+    path: str | PurePath | Source,
     config: InputConfig | None = None,
     topics: Mapping[str, str] | None = None,
     progress: Progress | None = None,
@@ -49,7 +49,7 @@ def read_recording(
 
     Parameters
     ----------
-    path : ROS 2 recording (folder with metadata.yaml, .mcap or .db3 file) or ROS 1 .bag file.
+    path : ROS 2 recording (folder with metadata.yaml, .mcap or .db3 file) or ROS 1 .bag file, open or not.
     config : axis, joint and mode; the defaults unless given.
     topics : topic by input where the user names it (see `topics.assign`).
     progress : is told of every batch read, and of the total before the first.
@@ -88,7 +88,7 @@ class Reading:
 
     def __init__(
         self,
-        path: str | PurePath,
+        path: str | PurePath | Source,
         config: InputConfig | None = None,
         topics: Mapping[str, str] | None = None,
         progress: Progress | None = None,
@@ -96,13 +96,11 @@ class Reading:
         self._config = config or InputConfig()
         self._progress = progress or (lambda _read, _total: None)
         self._asked = dict(topics or {})
-        self._again = partial(read_recording, path, config, topics)
-        self._source = Source(path)
-        try:
+        with ExitStack() as stack:
+            self._source = stack.enter_context(Source.opened(path))
+            self._again = partial(read_recording, self._source.path, config, topics)
             self._choose()
-        except BaseException:
-            self._source.close()
-            raise
+            self._stack = stack.pop_all()
 
     def _choose(self) -> None:
         source, config = self._source, self._config
@@ -119,7 +117,7 @@ class Reading:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._source.close()
+        self._stack.close()
 
     @property
     def path(self) -> Path:

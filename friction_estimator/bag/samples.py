@@ -11,6 +11,7 @@ import numpy as np
 from friction_estimator.bag.merge import Events, OutOfOrderError
 from friction_estimator.bag.read import Progress, Reading, read_recording
 from friction_estimator.bag.recording import Outline, Recorded, Recording
+from friction_estimator.bag.source import Source
 from friction_estimator.core.errors import UnanswerableError
 from friction_estimator.core.growing import Column
 from friction_estimator.core.intake.admission import Intake
@@ -97,7 +98,10 @@ class Read:
 
 
 def read_samples(
-    path: str | PurePath, config: Config, topics: Mapping[str, str] | None = None, progress: Progress | None = None
+    path: str | PurePath | Source,
+    config: Config,
+    topics: Mapping[str, str] | None = None,
+    progress: Progress | None = None,
 ) -> tuple[Recorded, Admitted]:
     """Read a recording and admit its samples, as `read_recording` and `to_samples` do, in less memory.
 
@@ -110,7 +114,10 @@ def read_samples(
 
 
 def sample_pieces(
-    path: str | PurePath, config: Config, topics: Mapping[str, str] | None = None, progress: Progress | None = None
+    path: str | PurePath | Source,
+    config: Config,
+    topics: Mapping[str, str] | None = None,
+    progress: Progress | None = None,
 ) -> Generator[Begins | Piece | Read, None, None]:
     """Read a recording and admit its samples; yield them as they are admitted, and what was found at the end.
 

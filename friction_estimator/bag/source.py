@@ -110,6 +110,16 @@ class Source:
         """Let go of the files, and of what is temporary."""
         self._stack.close()
 
+    @staticmethod
+    @contextmanager
+    def opened(recording: "str | PurePath | Source") -> Iterator["Source"]:
+        """Yield a recording, opened for this context where it is not open already."""
+        if isinstance(recording, Source):
+            yield recording
+        else:
+            with Source(recording) as source:
+                yield source
+
     @property
     def notes(self) -> tuple[str, ...]:
         """What is worth telling about how it is read, a line each."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from friction_estimator.bag.merge import OutOfOrderError, Part
 from friction_estimator.bag.read import Progress, Reading, read_recording
 from friction_estimator.bag.recording import Described, Outline, Recorded, Stream
+from friction_estimator.bag.source import Source
 from friction_estimator.core.growing import WholeNumbers
 from friction_estimator.core.intake.pairing import LARGEST_VALUE
 from friction_estimator.core.sample import NS_PER_S, Floats
@@ -68,7 +69,7 @@ def describe(stream: Stream, sync: SyncConfig) -> StreamStatistics:
 
 
 def read_described(
-    path: str | PurePath,
+    path: str | PurePath | Source,
     config: InputConfig,
     sync: SyncConfig,
     topics: Mapping[str, str] | None = None,

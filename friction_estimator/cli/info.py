@@ -61,24 +61,24 @@ def add_parser(subparsers: common.Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print what is known; the failure that ends the inspection comes last."""
+    from friction_estimator.bag.source import Source  # noqa: PLC0415
+
     with common.Output(args.json, inputs=common.paths_read(args)) as output:
-        return _run(args, output)
+        config = common.config_from(args)
+        with Source(args.bag) as source:
+            return _run(args, config, source, output)
 
 
-def _run(args: argparse.Namespace, output: common.Output) -> int:
+def _run(args: argparse.Namespace, config: "Config", source: "Source", output: common.Output) -> int:
     from friction_estimator.bag.joint_arrays import CHOOSE_JOINT  # noqa: PLC0415
     from friction_estimator.bag.joint_survey import survey  # noqa: PLC0415
     from friction_estimator.bag.samples import read_samples  # noqa: PLC0415 - `--help` needs none of them
-    from friction_estimator.bag.source import Source  # noqa: PLC0415
     from friction_estimator.bag.statistics import read_described  # noqa: PLC0415
 
-    config = common.config_from(args)
     if args.joint == joints.ALL:
         config = config.updated({"input.joint": ""})
     quantities = config.quantities
     motions: dict[str, str] = {}
-    source = Source(args.bag)
-    topics = source.topics
     result: dict[str, Any] = {"schema": SCHEMA, "bag": args.bag, "topics": [], "inputs": {}, "problem": None}
     result["joint_states"] = []
     inputs: dict[str, list[str]] = {}
@@ -87,12 +87,12 @@ def _run(args: argparse.Namespace, output: common.Output) -> int:
     said: dict[str, list[str]] = {}
     try:
         looking = progress("looking for joints", unit="messages")
-        with about(args.bag), looking as advance, source:
+        with about(args.bag), looking as advance:
             found = survey(source, progress=advance)
             motions = {name: _motion(source, config, name) for each in found for name in each.joints}
         with about(args.bag), progress("reading", unit="messages") as advance:
             chosen = common.topics_from(args)
-            recording, figures = read_described(args.bag, config.input, config.sync, chosen, advance)
+            recording, figures = read_described(source, config.input, config.sync, chosen, advance)
         config = settled(config, [recording])
         quantities = common.quantities_from(args, config)
         result["motion"], result["units"] = recording.motion, quantities.names
@@ -109,11 +109,11 @@ def _run(args: argparse.Namespace, output: common.Output) -> int:
             quantities = common.quantities_from(args, config.updated({"input.mode": "joint_state"}))
             result["notes"] = ["one joint at a time is assessed: --joint NAME; replay, identify and diagnose take all"]
     result["joint_states"] = [info_joints.facts(each, motions.__getitem__) for each in found]
-    result["topics"] = [_topic(topic, inputs.get(topic.name, [])) for topic in topics]
+    result["topics"] = [_topic(topic, inputs.get(topic.name, [])) for topic in source.topics]
     if recording is not None:
         try:
             with about(args.bag), progress("pairing", unit="messages") as advance:
-                _, admitted = read_samples(args.bag, config, chosen, advance)
+                _, admitted = read_samples(source, config, chosen, advance)
                 result["pairing"] = _pairing(admitted, quantities.si.position)
                 whole, samples = len(admitted.samples), admitted.samples.beginning(MOST_ASSESSED)
                 del admitted

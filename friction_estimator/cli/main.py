@@ -46,6 +46,8 @@ def program() -> int:
     """
     gc.set_threshold(START_OBJECTS)
     atexit.register(gc.freeze)  # what is left goes with the process
+    # numba imports it wherever it is installed, to tell it of compiled lines; a twentieth of a start.
+    sys.modules.setdefault("coverage", None)  # type: ignore[arg-type]
     return main()
 
 
