@@ -62,6 +62,8 @@ def njit(*signatures: Any, cache: bool = False, **options: Any) -> Any:
     def compiled(function: Callable[..., Any]) -> Any:
         # Without the wrapper for callers in C, of whom there are none: a tenth of the compilation.
         dispatcher = numba.njit(no_cfunc_wrapper=True, **options)(function)
+        # numba would search all that is installed for extensions with types of their own: no argument here has one.
+        dispatcher._compilation_chain_init_hook = _nothing
         if cache and hasattr(dispatcher, "enable_caching"):  # a plain function where NUMBA_DISABLE_JIT is set
             with contextlib.suppress(RuntimeError):  # no folder for it: compiled at every start
                 dispatcher._cache = _CheckedCache(function)
@@ -72,6 +74,10 @@ def njit(*signatures: Any, cache: bool = False, **options: Any) -> Any:
         return dispatcher
 
     return compiled
+
+
+def _nothing() -> None:
+    """Do nothing."""
 
 
 def cache_folder(source: Path) -> Path | None:
