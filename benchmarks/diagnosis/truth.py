@@ -16,7 +16,6 @@ from friction_estimator.effects import EFFECTS, Effect, Trace
 from friction_estimator.effects.extension import theory_parts
 from friction_estimator.effects.features import Context, FeatureMaker, Features
 from friction_estimator.effects.reference import Reference
-from friction_estimator.effects.whole import shifted
 from friction_estimator.rig.plant import CLEAN_TAPS
 
 PHYSICAL = {
@@ -47,9 +46,6 @@ BOTH_FORMS = ("frictional_lag",)
 """Of these, the other form has them as well. A fit would need the theory's gain, which a static force at one pressure
 does not tell: everything odd is in the hats."""
 
-OWN_FORM_ONLY = ("velocity_delay",)
-"""Of these, the other form is a filter, whose time constant is no delay."""
-
 HATS = 24
 PRESSURE_NODES = 5
 EVALUATIONS = 40
@@ -66,9 +62,7 @@ Range = float | list[float]
 def expected(effect: Effect, made: Made, index: int, plant: str) -> dict[str, Range]:
     """Return the quantities of one hidden effect as its regressor names them, in SI units."""
     cls = type(effect)
-    own = (
-        () if effect.name in OWN_FORM_ONLY and effect.values.get("form", 0.0) >= 0.5 else PHYSICAL.get(effect.name, ())
-    )
+    own = PHYSICAL.get(effect.name, ())
     ours = cls is EFFECTS[effect.name]
     if ours and (effect.values.get("form", 0.0) < 0.5 or effect.name in BOTH_FORMS):
         own = (*own, *USUAL_FORM.get(effect.name, ()))
@@ -133,7 +127,7 @@ def _columns(cls: type[Effect], params: dict[str, float], features: Features, re
     if late >= 0.0:
         return cls.columns(params)(features, reference)
     v, p = features.velocity_m_s, features.pressure_Pa
-    return (reference.force(shifted(v, features, late), p) - reference.force(v, p))[:, None]
+    return (reference.force(cls.seen(params, "velocity_m_s", v, features), p) - reference.force(v, p))[:, None]
 
 
 def _starts(cls: type[Effect], effect: Effect, context: Context) -> list[dict[str, float]]:

@@ -10,7 +10,7 @@ from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.base_problem import BaseProblem
 from friction_estimator.diagnosis.intervals import Estimate, estimates
 from friction_estimator.diagnosis.joint import Joint, JointFit, cross_validated_loss
-from friction_estimator.diagnosis.own_columns import Term
+from friction_estimator.diagnosis.own_columns import Term, time_of
 from friction_estimator.effects.base import REVERSAL, Effect
 from friction_estimator.effects.features import Context
 
@@ -34,6 +34,10 @@ RESETTLED = 10.0
 
 RESETTLINGS = 2
 """Most times that an earlier term is sought anew beside the same later one."""
+
+MOVABLE = 0.3
+"""Mean delay of the base's memory, in samples, from which it may be what a time of the whole force should have: a
+comb of minima a sample apart. Less is the rig's own."""
 
 
 @dataclass(frozen=True)
@@ -131,9 +135,10 @@ class Candidates:
         """Return the candidate in that functional form of its cause which the data ask for."""
         key = id(model), best.name
         if key not in self._shaped:
-            for params in best.effect.variants(best.term.params):
+            for form in best.effect.variants(best.term.params):
                 # Each time of a film, or of the whole force, forms the base's products anew, and its other form is late
-                # by the same time.
+                # by the same time: that of the whole, the base's memory with it.
+                params = form | (self.moved_over(best.model.joint) if best.effect.delays else {})
                 other = self(model, best.name, params, search=not (best.effect.in_theory or best.effect.delays))
                 if other is None:
                     continue
@@ -184,6 +189,29 @@ class Candidates:
             out |= {n: max(abs(value - told[n][0]), out.get(n, 0.0)) for n, (value, _) in values.items() if n in told}
         return out
 
+    def moved_over(self, joint: Joint) -> dict[str, float]:
+        """Return the time of the whole force with what the base's memory delays moved over to it, or nothing."""
+        time = time_of(joint.terms)
+        if time is None:
+            return {}
+        name = time.effect.refined[0]
+        way = -1.0 if time.effect.late_s({name: 1.0}) < 0.0 else 1.0
+        more = way * joint.base.problem.mean_delay(joint.base.coefficients) * self.context.step_s
+        value = time.params[name] + more
+        return {name: value} if abs(more) > MOVABLE * self.context.step_s and value > 0.0 else {}
+
+    def _without_memory(self, joint: Joint) -> Joint:
+        """Return the fit whose time of the whole force has what the base's memory delayed, where that fits better.
+
+        A sample of memory does nearly what a sample of that time does, and no step leads from one to the other.
+        """
+        moved = self.moved_over(joint)
+        if not moved:
+            return joint
+        terms = [replace(t, params=t.params | moved) if t.effect.delays else t for t in joint.terms]
+        other = self._fit(terms, joint.base.coefficients, search=False)
+        return other if other.base.coefficients.cost < joint.base.coefficients.cost else joint
+
     def resettled(self, model: Model, one: Candidate) -> Candidate:
         """Return the candidate with what the terms before it refine sought anew, where everything then fits better.
 
@@ -201,6 +229,7 @@ class Candidates:
                     break
                 ordered = sorted(found.terms, key=lambda t: names.index(t.name))
                 best = self._fit(ordered, found.base.coefficients, search=False)
+        best = self._without_memory(best)
         if best is one.model.joint:
             return one
         return self._candidate(model, best) or one

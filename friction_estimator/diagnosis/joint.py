@@ -223,8 +223,8 @@ class JointFit:
 
         if effect.delays:
             ahead, longest = effect.late_s({name: 1.0}) < 0.0, longest_time_s(self._context)
-            time = best_time(fitted, base, self._problem.mean_delay, self._context.step_s, ahead, longest)
-            return params | {name: time}
+            memory, step = self._problem.mean_delay, self._context.step_s
+            return params | {name: best_time(fitted, base, memory, step, ahead, longest, params[name])}
         low, high = effect.bracket(name, params[name], self._context)
         return params | {name: over_bends(lambda v: fitted(v).cost, low, high)}
 

@@ -5,7 +5,7 @@ the film's column would be made from the theory's gain of the fit before it: a f
 settle, while the lag, fitted beside a wrong gain, hardly moves (decision 0132).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -20,6 +20,7 @@ from friction_estimator.effects.base import Effect
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.trace import STAGES
+from friction_estimator.effects.whole import shifted
 
 PARTS = 4
 """Parts of a sample period in which a filter of the force takes what acts before it as straight."""
@@ -89,6 +90,11 @@ def largest_change(
     return max(steps, default=0.0)
 
 
+def _earlier(features: Features, late_s: float) -> Callable[[str, Floats], Floats]:
+    """Return what every channel was some time ago."""
+    return lambda _, values: shifted(values, features, late_s)
+
+
 @dataclass(frozen=True)
 class OnFilm:
     """What follows a film that lags.
@@ -116,7 +122,7 @@ class OwnColumns:
     def __init__(self, problem: BaseProblem, context: Context, chosen: Bools | None = None) -> None:
         self.problem, self._context, self.chosen = problem, context, chosen
         self._last: tuple[list[tuple[str, dict[str, float]]], BaseProblem] | None = None
-        self._moved: tuple[float, Features] | None = None
+        self._moved: tuple[tuple[str, dict[str, float]], Features] | None = None
         self._within: tuple[Features, list[Features]] | None = None
 
     @cached_property
@@ -154,11 +160,15 @@ class OwnColumns:
 
         The motion is moved, not its columns: a reversal between two samples is then as sharp as before.
         """
-        late = time.effect.late_s(time.params)
-        if late == 0.0:
+        if time.effect.late_s(time.params) == 0.0:
             return features
-        if self._moved is None or self._moved[0] != late:
-            self._moved = late, self.problem.record.features_at(self.problem.config, late)
+        key, record = (time.name, time.params), self.problem.record
+        if self._moved is None or self._moved[0] != key:
+
+            def seen(channel: str, values: Floats) -> Floats:
+                return time.effect.seen(time.params, channel, values, record.features)
+
+            self._moved = key, record.features_at(self.problem.config, seen)
         return self._moved[1]
 
     def moments(self, time: Term | None, features: Features) -> list[Features]:
@@ -172,8 +182,9 @@ class OwnColumns:
         if not time.effect.smooths:
             return [self.at(time, features)]
         if self._within is None or self._within[0] is not features:
-            late = (self.part_s * i for i in range(PARTS - 1, 0, -1))
-            self._within = features, [self.problem.record.features_at(self.problem.config, s) for s in late]
+            record, late = self.problem.record, [self.part_s * i for i in range(PARTS - 1, 0, -1)]
+            there = [record.features_at(self.problem.config, _earlier(record.features, s)) for s in late]
+            self._within = features, there
         return [*self._within[1], features]
 
     @property

@@ -1,6 +1,6 @@
 """The recordings of one diagnosis as one set of arrays: features, measured force, blocks."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,6 @@ from friction_estimator.core.settings.units import MARGIN, robust_top
 from friction_estimator.effects.extension import sign_velocity
 from friction_estimator.effects.features import Context, FeatureMaker, Features
 from friction_estimator.effects.grids import LONGEST_LENGTH
-from friction_estimator.effects.whole import shifted
 
 FEWEST_SAMPLES = 400
 FEWEST_BLOCKS = 12
@@ -87,14 +86,14 @@ class Record:
         new = described(samples, self.recording, config)
         return replace(new, block=self.block).with_force(self.friction_N, new.used & (self.used | self.standstill))
 
-    def features_at(self, config: Config, late_s: float) -> Features:
-        """Return the features of the motion and pressure of `late_s` earlier (later where it is negative)."""
+    def features_at(self, config: Config, seen: Callable[[str, Floats], Floats]) -> Features:
+        """Return the features of other motion and pressure; `seen` makes of a channel (n,), by name, what it was."""
         f, samples = self.features, self.samples
-        moved = {"velocity_m_s": shifted(f.velocity_m_s, f, late_s)}
+        moved = {"velocity_m_s": seen("velocity_m_s", f.velocity_m_s)}
         for name in ("pressure_Pa", "position_m"):
             values = getattr(samples, name)
             if values is not None:
-                moved[name] = shifted(values, f, late_s)
+                moved[name] = seen(name, values)
         made = feature_maker(config, self.reversal_speed_m_s)(replace(samples, **moved))  # type: ignore[arg-type]
         return replace(made, recording=f.recording)
 

@@ -29,6 +29,9 @@ LADDER = 1.5
 """Ratio of the longer times that are tried of a force that is ahead, while each fits better than the one before: a
 memory of a few samples can take back what the last one is too long."""
 
+GRID = 2.0
+"""Ratio of screening's times: how far the true one may lie from the best of them."""
+
 MEMORY_MOVES = 6
 """Most times that the base's memory is moved over into a time of the whole force."""
 
@@ -130,6 +133,7 @@ def best_time(
     step_s: float,
     ahead: bool = False,
     longest_s: float = np.inf,
+    hint_s: float = 0.0,
 ) -> float:
     """Return the time of the whole force at which everything else fits best, s.
 
@@ -138,7 +142,7 @@ def best_time(
     fitted : the fit at a time. start : the fit without it. mean_delay : of the base's memory in a fit, samples.
     step_s : sample period. ahead : the time is one by which the force is ahead, as for a velocity that is late: the
         memory can take up nothing of it, and what it delays the time has to make up for. longest_s : that the record
-        can show.
+        can show. hint_s : of screening, tried where the force is ahead: far below the true time nothing gets better.
     """
     tried = {share * step_s: fitted(share * step_s) for share in SCANNED}
     # What the base's memory has taken up belongs to the whole force's time: moved over until none is left. No memory
@@ -149,6 +153,11 @@ def best_time(
         while LADDER * last < longest_s and all(tried[last].cost <= fit.cost for fit in tried.values()):
             last *= LADDER
             tried[last] = fitted(last)
+        if last < hint_s <= longest_s:
+            tried[hint_s] = fitted(hint_s)
+            if tried[hint_s].cost <= min(fit.cost for fit in tried.values()):
+                nearer, _ = _between(fitted, hint_s / GRID, min(hint_s * GRID, longest_s))
+                tried[nearer] = fitted(nearer)
         value = min(tried, key=lambda time: tried[time].cost)
         left, way, enough = tried[value], -1.0, MOVED_AHEAD
     for _ in range(MEMORY_MOVES):

@@ -243,6 +243,14 @@ class Effect:
         return 0.0
 
     @classmethod
+    def seen(cls, params: Params, channel: str, values: Floats, features: Features) -> Floats:  # noqa: ARG003
+        """Return what acts before it has seen of a recorded channel, (n,); where it `delays`.
+
+        `channel` is velocity_m_s, pressure_Pa or position_m.
+        """
+        return values
+
+    @classmethod
     def smoothed(cls, params: Params, parts: Sequence[Floats], features: Features, part_s: float) -> Floats:  # noqa: ARG003
         """Return what it makes of an earlier stage's columns, (n, c), beside that lateness; where it `delays`.
 

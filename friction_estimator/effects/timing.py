@@ -15,7 +15,7 @@ from friction_estimator.effects.grids import beyond_time, times
 from friction_estimator.effects.kernels import RING, force_delay, force_lag
 from friction_estimator.effects.reference import FORCE, Reference
 from friction_estimator.effects.trace import Trace
-from friction_estimator.effects.whole import StaticTables, first_order
+from friction_estimator.effects.whole import StaticTables, first_order, shifted, unfiltered
 
 
 class Timing(Effect):
@@ -103,6 +103,11 @@ class TimeDelay(Timing):
     def late_s(cls, params: Params) -> float:
         """Everything before it is late by D."""
         return params["delay"]
+
+    @classmethod
+    def seen(cls, params: Params, channel: str, values: Floats, features: Features) -> Floats:  # noqa: ARG003
+        """Every channel of D earlier."""
+        return shifted(values, features, params["delay"])
 
     refined = ("delay",)
 
@@ -252,9 +257,23 @@ class VelocityDelay(Timing):
         return Columns(compute, filtered=True)
 
     @classmethod
+    def variants(cls, params: Params) -> list[dict[str, float]]:
+        """A first-order filter of the velocity, of the same delay at low frequency: it rounds what a delay shifts."""
+        return [dict(params) | {"filtered": 1.0}]
+
+    @classmethod
     def whole(cls, params: Params, tables: StaticTables, features: Features) -> Floats:
-        """Return the columns at the velocity of t + D: the other channels are not late."""
-        return tables.advanced(features, params["delay"])
+        """Return the columns at the velocity that was there."""
+        return tables.at(cls.seen(params, "velocity_m_s", features.velocity_m_s, features), features.pressure_Pa)
+
+    @classmethod
+    def seen(cls, params: Params, channel: str, values: Floats, features: Features) -> Floats:
+        """The velocity of t + D, or before its filter; the other channels are not late."""
+        if channel != "velocity_m_s":
+            return values
+        if params.get("filtered", 0.0) >= 0.5:
+            return unfiltered(values, features, params["delay"])
+        return shifted(values, features, -params["delay"])
 
     @classmethod
     def late_s(cls, params: Params) -> float:

@@ -52,10 +52,6 @@ class StaticTables:
         moved = (shifted(values, features, delay_s) for values in (features.velocity_m_s, features.pressure_Pa))
         return self.at(*moved)
 
-    def advanced(self, features: Features, delay_s: float) -> Floats:
-        """Return the columns at the velocity of `delay_s` later, and the pressure of now, (n, m)."""
-        return self.at(shifted(features.velocity_m_s, features, -delay_s), features.pressure_Pa)
-
     def at(self, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
         """Return the columns at the given points, (n, m)."""
         out = np.empty((velocity_m_s.size, self.values.shape[2]))
@@ -81,6 +77,16 @@ def shifted(values: Floats, features: Features, late_s: float) -> Floats:
     """
     out = np.empty(features.size)
     _shifted(features.step_s, values, late_s, out)
+    return out
+
+
+def unfiltered(values: Floats, features: Features, time_constant_s: float) -> Floats:
+    """Return what a first-order filter has made values (n,) of: y + T dy/dt, (n,), by a parabola through three samples.
+
+    At the ends of a gap-free piece the slope is that of the line through two.
+    """
+    out = np.empty(features.size)
+    _unfiltered(features.step_s, values, time_constant_s, out)
     return out
 
 
@@ -153,6 +159,23 @@ def _shifted(step, velocity, delay, out):  # type: ignore[no-untyped-def] # prag
                 out[k] = velocity[j]
             else:
                 out[k] = velocity[j] + (velocity[j + 1] - velocity[j]) * left / step[j + 1]
+
+
+@njit(cache=True)
+def _unfiltered(step, values, tau, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    n = values.size
+    for k in range(n):
+        before = step[k] if k > 0 else 0.0
+        after = step[k + 1] if k < n - 1 else 0.0
+        slope = 0.0
+        if before > 0.0 and after > 0.0:
+            rise, fall = (values[k + 1] - values[k]) / after, (values[k] - values[k - 1]) / before
+            slope = (rise * before + fall * after) / (before + after)
+        elif before > 0.0:
+            slope = (values[k] - values[k - 1]) / before
+        elif after > 0.0:
+            slope = (values[k + 1] - values[k]) / after
+        out[k] = values[k] + tau * slope
 
 
 @njit(cache=True)
