@@ -138,7 +138,10 @@ class Candidates:
             for form in best.effect.variants(best.term.params):
                 # Each time of a film, or of the whole force, forms the base's products anew, and its other form is late
                 # by the same time: that of the whole, the base's memory with it.
-                params = form | (self.moved_over(best.model.joint) if best.effect.delays else {})
+                moved = self.moved_over(best.model.joint) if best.effect.delays else {}
+                if any(value <= 0.0 for value in moved.values()):
+                    continue  # the memory takes back more than the time: it is not late at all
+                params = form | moved
                 other = self(model, best.name, params, search=not (best.effect.in_theory or best.effect.delays))
                 if other is None:
                     continue
@@ -190,7 +193,10 @@ class Candidates:
         return out
 
     def moved_over(self, joint: Joint) -> dict[str, float]:
-        """Return the time of the whole force with what the base's memory delays moved over to it, or nothing."""
+        """Return the time of the whole force with what the base's memory delays moved over to it, or nothing.
+
+        It may be below zero: what is ahead by less than the memory delays is late.
+        """
         time = time_of(joint.terms)
         if time is None:
             return {}
@@ -198,7 +204,7 @@ class Candidates:
         way = -1.0 if time.effect.late_s({name: 1.0}) < 0.0 else 1.0
         more = way * joint.base.problem.mean_delay(joint.base.coefficients) * self.context.step_s
         value = time.params[name] + more
-        return {name: value} if abs(more) > MOVABLE * self.context.step_s and value > 0.0 else {}
+        return {name: value} if abs(more) > MOVABLE * self.context.step_s else {}
 
     def _without_memory(self, joint: Joint) -> Joint:
         """Return the fit whose time of the whole force has what the base's memory delayed, where that fits better.
@@ -206,7 +212,7 @@ class Candidates:
         A sample of memory does nearly what a sample of that time does, and no step leads from one to the other.
         """
         moved = self.moved_over(joint)
-        if not moved:
+        if not moved or min(moved.values()) <= 0.0:
             return joint
         terms = [replace(t, params=t.params | moved) if t.effect.delays else t for t in joint.terms]
         other = self._fit(terms, joint.base.coefficients, search=False)
