@@ -1,5 +1,7 @@
 """The search on plants of another hand: order of causes, forms of one cause. More of it: hard/hard_diagnosis.py."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from diagnosis_records import names, record
@@ -61,3 +63,32 @@ def test_a_difference_below_what_no_cause_explains_makes_a_rival() -> None:
     cause = Cause("sensor_lowpass", None, 10.0, ("presliding",), {"time_delay": 0.3, "backlash": 2.0})
     assert cause.within(0.2).rivals == ("presliding",)
     assert cause.within(0.5).rivals == ("presliding", "time_delay")
+
+
+@pytest.mark.parametrize(
+    ("hidden", "wrong", "found"),
+    [
+        ([], {"viscosity_40": 0.6, "viscosity_100": 0.6}, {"pressure_dependence"}),
+        ([], {"roughness": 1e3}, {"pressure_dependence"}),
+        (["squeeze_film:size=0.04,speed=0.02"], {"viscosity_40": 0.6}, {"pressure_dependence", "squeeze_film"}),
+    ],
+)
+def test_unlike_memories_of_a_curve_are_no_cause(hidden, wrong, found) -> None:
+    """What the theory says wrongly has its memory, what it does not say another one: the base has one for both."""
+    some = {name: EFFECTS[name] for name in ("pressure_dependence", "squeeze_film")}
+    result = diagnose([record(hidden, plant="parallel_memory")], with_theory(**wrong), catalogue=some)
+    assert set(names(result)) == found
+    assert hidden or result.unexplained_percent > 5.0
+
+
+def test_unlike_memories_are_no_finer_curve() -> None:
+    """A curve without the memory of the one that is there would be a second memory."""
+    data = record(plant="parallel_memory", segments=ONE_PRESSURE, noise=0.003)
+    result = diagnose([data], with_theory(boundary_friction=1.4), catalogue={"sensor_bias": EFFECTS["sensor_bias"]})
+    assert not any("finer static curve" in words for words in result.excitation.warnings)
+
+
+def with_theory(**factors: float) -> Config:
+    """Return the settings with parameters of the theory times factors."""
+    seal = Config().seal
+    return replace(Config(), seal=replace(seal, **{name: getattr(seal, name) * by for name, by in factors.items()}))

@@ -8,6 +8,7 @@ from scipy.stats import t as student
 
 from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.base_problem import BaseProblem
+from friction_estimator.diagnosis.capacity import unlike_memories
 from friction_estimator.diagnosis.intervals import Estimate, estimates
 from friction_estimator.diagnosis.joint import Joint, JointFit, cross_validated_loss
 from friction_estimator.diagnosis.own_columns import Term, time_of
@@ -111,6 +112,7 @@ class Candidates:
         self._shaped: dict[tuple[int, str], Candidate] = {}
         self._kept: list[Model] = []
         self._estimates: dict[int, list[dict[str, Estimate]]] = {}
+        self._memories: dict[int, float] = {}
 
     def base(self) -> Model:
         """Return the base model alone."""
@@ -271,6 +273,19 @@ class Candidates:
         gains = np.bincount(record.block, weights=decrease)
         error = float(np.std(gains, ddof=1)) * np.sqrt(gains.size)
         return bool(gains.sum() > student.ppf(0.975, gains.size - 1) * error)
+
+    def beyond_memory(self, model: Model, one: Candidate) -> bool:
+        """Return whether an effect explains more than unlike memories of the base would: they are lack of fit.
+
+        A time of the whole force is compared with the memory that there is.
+        """
+        if one.effect.delays:
+            return True
+        if id(model) not in self._memories:
+            self.keep(model)
+            loss_N2 = float(model.loss.sum())
+            self._memories[id(model)] = unlike_memories(model.joint, loss_N2, self.problem.record, self.seed)
+        return one.gain > self._memories[id(model)]
 
     def known_sign(self, one: Candidate) -> bool:
         """Return whether what physics gives one sign, and every length and time, differs from zero by its interval.

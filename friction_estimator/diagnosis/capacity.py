@@ -1,16 +1,22 @@
-"""Whether the base model is too coarse for a record: a finer curve or a longer memory gains more than any cause."""
+"""Whether the base model is too coarse for a record: what a finer curve, a longer memory or unlike memories gain."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from friction_estimator.core.sample import Floats
-from friction_estimator.diagnosis.base_problem import SPLINES, Capacity, OddCurve
+from friction_estimator.diagnosis.base_problem import OWN_LAGS, SPLINES, Capacity, OddCurve, tap_covariance
 from friction_estimator.diagnosis.evidence import Evidence, Rule
 from friction_estimator.diagnosis.joint import Joint
-from friction_estimator.diagnosis.lagged import lagged
+from friction_estimator.diagnosis.lagged import filtered, lagged
+from friction_estimator.diagnosis.record import Record
 
 FINER = 24
 LONGER = 16
 """Splines of the finer curve, and order of the longer memory."""
+
+MODES = 3
+"""Directions of the prior of the lags that unlike memories may take: they have 96 % of its variance."""
 
 
 def wider(model: Joint, evidence: Evidence) -> tuple[Capacity | None, float]:
@@ -20,7 +26,10 @@ def wider(model: Joint, evidence: Evidence) -> tuple[Capacity | None, float]:
     gains: dict[Capacity, float] = {}
     if capacity.splines < FINER:
         fine = OddCurve(model.base.curve.top, FINER)(problem.record.features.velocity_m_s)
-        gains[Capacity(FINER, capacity.order)] = _gain(evidence, fine)
+        # Behind the same memory as the curve that there is: without it, both would be a memory of another kind.
+        behind = np.zeros_like(fine)
+        filtered(fine, products.start, 0, np.concatenate([[1.0], model.base.taps]), behind)
+        gains[Capacity(FINER, capacity.order)] = _gain(evidence, behind)
     if capacity.order < LONGER:
         force = model.base.static_N
         lags = range(capacity.order + 1, LONGER + 1)
@@ -34,6 +43,64 @@ def in_words(capacity: Capacity) -> str:
     """Return the warning that goes with a larger base model."""
     what = "a finer static curve" if capacity.splines > SPLINES else "a longer memory"
     return f"the base model needed {what} than usual; that is lack of fit, no cause"
+
+
+@dataclass(frozen=True)
+class UnlikeMemories:
+    """A model's tangent, and beside it the lags of each spline: made piece by piece, as that is.
+
+    Attributes
+    ----------
+    model : fitted. modes : (order, modes), lags of one spline in units of their prior's deviations, N.
+    """
+
+    model: Joint
+    modes: Floats
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(n, q)."""
+        n, q = self.model.tangent.shape
+        return n, q + self.width
+
+    @property
+    def width(self) -> int:
+        """Number of columns beside the tangent."""
+        return int(self.modes.shape[1] * self.model.base.weights.size)
+
+    def __getitem__(self, part: slice, /) -> Floats:
+        """Return the columns of some samples, (n_part, q)."""
+        base = self.model.base
+        products = base.problem.products
+        lagged_by = products.rows(part).reshape(-1, products.order + 1, products.width)
+        splines = lagged_by[:, :, products.width - base.weights.size :]
+        lags = np.tensordot(splines[:, 1:] - splines[:, :1], self.modes, (1, 0))
+        return np.concatenate([self.model.tangent[part], lags.reshape(len(lags), -1)], axis=1)
+
+
+def unlike_memories(model: Joint, loss_N2: float, record: Record, seed: int) -> float:
+    """Return what the base would gain if each part of its curve had a memory of its own, N^2.
+
+    The base has two memories, the theory's and that of all the rest. Where the theory is wrong the rest holds both what
+    it says wrongly, with its memory, and what it does not say, with another one (decision 0167). Spline j would add
+    sum_i w t_ij (B_j[k-i] - B_j[k]), w the rms of the splines' weights, since parts of unlike memory may cancel in any
+    one of them, t_ij with the prior of the theory's own lags. What that prior takes is taken off.
+
+    Parameters
+    ----------
+    model : fitted. loss_N2 : its held-out error power, summed.
+    """
+    base = model.base
+    if not base.taps.size:
+        return 0.0
+    size = float(np.sqrt(np.mean(np.square(base.weights))))
+    values, vectors = np.linalg.eigh(tap_covariance(base.taps.size))
+    more = UnlikeMemories(model, OWN_LAGS * size * (vectors * np.sqrt(values))[:, ::-1][:, :MODES])
+    variance = base.coefficients.variance
+    penalty = np.concatenate([model.penalty, np.full(more.width, variance)])
+    evidence = Evidence(more, penalty, model.residual_N, record.used, record.block, seed)
+    found = evidence.base_alone(np.ones(evidence.blocks, np.bool_))[-more.width :]
+    return loss_N2 - float(evidence.base_loss().sum()) - variance * float(found @ found)
 
 
 def _gain(evidence: Evidence, columns: Floats) -> float:

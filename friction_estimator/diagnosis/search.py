@@ -274,7 +274,8 @@ class Searcher:
         """Return whether the best candidate may be named."""
         if not (by_data or best.by_evidence) or not self._enough(model, best, causes):
             return False
-        return not by_data or (self.fits.stands(model, best) and self.fits.known_sign(best))
+        fits = self.fits
+        return not by_data or (fits.stands(model, best) and fits.known_sign(best) and fits.beyond_memory(model, best))
 
     def _enough(self, model: Model, best: Candidate, causes: list[Cause]) -> bool:
         """Return whether a cause brings enough beside the first one, or of what is left above the floor."""
