@@ -18,7 +18,7 @@ from ros_graph import Feeder, Graph, Process, await_, force, motion, qos  # noqa
 
 PREDICTED = "/friction_estimator/friction_predicted"
 TABLE = HERE / "table.md"
-SECTIONS = ("Executors", "Pairs", "Latency", "Curve", "JointState", "Joints", "Endurance", "Endings", "Faults")
+SECTIONS = ("Executors", "Start", "Pairs", "Latency", "Curve", "JointState", "Joints", "Endurance", "Endings", "Faults")
 
 
 def write_section(title: str, text: str) -> None:

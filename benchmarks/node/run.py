@@ -10,7 +10,7 @@ import sys
 
 from common import HERE
 
-SCRIPTS = ("pairs", "latency", "curve", "joint_state", "endurance", "endings", "faults")
+SCRIPTS = ("start", "pairs", "latency", "curve", "joint_state", "endurance", "endings", "faults")
 
 
 def main() -> None:
