@@ -41,6 +41,9 @@ MOVED, MOVED_AHEAD = 0.05, 0.005
 NEIGHBOURS = (-1.0, -0.75, -0.5, -0.25, 0.25, 0.5, 0.75)
 """Samples beside the end of that walk that are tried too."""
 
+DIPS = 2
+"""Dips among the times tried that are looked into: the well of a sharp drive is a tenth of a sample wide."""
+
 LEFT_OVER = 0.8
 """Mean delay of the memory left, in samples, from which a sample more is tried."""
 
@@ -171,10 +174,10 @@ def best_time(
     tried |= {value: fitted(value) for value in near if value > 0.0}
     points = sorted(tried)
     best = min(points, key=lambda value: tried[value].cost)
-    place = points.index(best)
-    low, high = points[max(place - 1, 0)], points[min(place + 1, len(points) - 1)]
-    found, cost = _between(fitted, low, high)
-    best = found if cost < tried[best].cost else best
+    for low, high in _dips([(value, tried[value].cost) for value in points])[:DIPS]:
+        found, cost = _between(fitted, low, high)
+        if cost < tried[best].cost:
+            best, tried[found] = found, fitted(found)
     here = fitted(best)
     while not ahead and mean_delay(here) > LEFT_OVER:
         # One sample more and one sample less of memory fit nearly as well: a comb of minima, one sample apart.
@@ -184,6 +187,21 @@ def best_time(
             break
         best, here = other, there
     return best
+
+
+def _dips(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return the neighbours of each point (place, cost) that lies below both of its own, the lowest first.
+
+    >>> _dips([(1.0, 5.0), (2.0, 4.0), (3.0, 6.0), (4.0, 3.0)])
+    [(3.0, 4.0), (1.0, 3.0)]
+    """
+    ends = [points[0], *points, points[-1]]
+    dips = [
+        (here[1], before[0], after[0])
+        for before, here, after in zip(ends, points, ends[2:], strict=False)
+        if here[1] <= min(before[1], after[1])
+    ]
+    return [(low, high) for _, low, high in sorted(dips)]
 
 
 def _between(fitted: Callable[[float], Coefficients], low: float, high: float) -> tuple[float, float]:
