@@ -7,26 +7,30 @@ import argparse
 import statistics
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from common import HERE, PREDICTED, rows, write_section
 from geometry_msgs.msg import WrenchStamped
-from ros_graph import Feeder, Graph, graph, motion, qos
+from ros_graph import Feeder, Graph, Process, graph, motion, qos
 
-NODES = {
-    "bare rclpy node": (str(HERE / "bare_node.py"),),
-    "node": ("-m", "friction_estimator.ros.node"),
+NODES: dict[str, Callable[[Graph], Process]] = {
+    "bare rclpy node": lambda made: made.start(str(HERE / "bare_node.py")),
+    "node": lambda made: made.start_node(deep=False, ready=False),
 }
+"""The node is told its range and units: without them it waits for two reversals of the drive, as long as these take."""
 
 LONGEST_S = 60.0
 
 
-def first_message(made: Graph, feeder: Feeder, heard: list[int], command: tuple[str, ...], rate: float) -> list[float]:
+def first_message(
+    made: Graph, feeder: Feeder, heard: list[int], start: Callable[[Graph], Process], rate: float
+) -> list[float]:
     """Return the time from a process's start to its first message by the clock and of its processor, s."""
     heard.clear()
     stamps, velocity, friction = motion(round(LONGEST_S * rate), rate)
     begin = time.perf_counter_ns()
-    process = made.start(*command)
+    process = start(made)
     for stamp, *pair in zip(stamps.tolist(), velocity.tolist(), friction.tolist(), strict=True):
         if heard:
             break
@@ -51,8 +55,8 @@ def main() -> None:
         )
         feeder = Feeder(made)
         for _ in range(args.rounds + 1):
-            for name, command in NODES.items():
-                took[name].append(first_message(made, feeder, heard, command, args.rate))
+            for name, start in NODES.items():
+                took[name].append(first_message(made, feeder, heard, start, args.rate))
     lines = []
     bare = took["bare rclpy node"][1:]  # the first round fills the caches
     for name, every in took.items():
@@ -63,7 +67,7 @@ def main() -> None:
     write_section(
         "Start",
         f"From the start of a process to its first message, while pairs come at {args.rate:g} Hz; medians of "
-        f"{args.rounds} rounds in turns, with warm caches. At most 3 by the clock.\n\n"
+        f"{args.rounds} rounds in turns, with warm caches, range and units given. At most 3 by the clock.\n\n"
         + rows(["process", "s by the clock", "over the bare node", "CPU, s", "over the bare node"], lines),
     )
 
