@@ -178,7 +178,7 @@ def best_time(
         found, cost = _between(fitted, low, high)
         if cost < tried[best].cost:
             best, tried[found] = found, fitted(found)
-    here = fitted(best)
+    here = tried[best]
     while not ahead and mean_delay(here) > LEFT_OVER:
         # One sample more and one sample less of memory fit nearly as well: a comb of minima, one sample apart.
         other, _ = _between(fitted, best + 0.75 * step_s, best + 1.25 * step_s)
