@@ -9,7 +9,7 @@ from diagnosis_records import abba
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import SPLINES, BaseProblem, Capacity
-from friction_estimator.diagnosis.candidates import Candidates
+from friction_estimator.diagnosis.candidates import Candidate, Candidates
 from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.diagnosis.joint import JointFit
 from friction_estimator.diagnosis.own_columns import OwnColumns, Term, before
@@ -161,15 +161,20 @@ def test_what_a_filter_of_first_order_has_made_is_taken_back() -> None:
     np.testing.assert_allclose(pair[1::2] - pair[::2][: pair[1::2].size], np.diff(filtered)[::2])
 
 
-def test_a_velocity_behind_a_filter_has_its_time_beside_a_lagging_film() -> None:
-    """A delay fitted it with a sample and a half of memory: 10.6 ms were told for 3."""
-    hidden = (parse_effect("velocity_delay:delay=0.0035,form=1"),)
-    samples = simulate(Scenario(SHORT, plant="film_lag", rate_hz=200.0, seed=6, effects=hidden)).samples
-    record = build_record([samples], SEAL)
+def beside_a_lagging_film(hidden: str, seed: int) -> tuple[Candidates, Candidate]:
+    """Return the fits of a record in which an effect is hidden, and the film's lag as the first of them."""
+    scenario = Scenario(SHORT, plant="film_lag", rate_hz=200.0, seed=seed, effects=(parse_effect(hidden),))
+    record = build_record([simulate(scenario).samples], SEAL)
     context = record.context(SEAL, float(np.abs(record.friction_N).max()))
     fits = Candidates(BaseProblem(record, SEAL), context, EFFECTS, 0)
     lag = fits(fits.base(), "frictional_lag", {"lag": 0.006, "rest": 0.0}, search=False)
     assert lag is not None
+    return fits, lag
+
+
+def test_a_velocity_behind_a_filter_has_its_time_beside_a_lagging_film() -> None:
+    """A delay fitted it with a sample and a half of memory: 10.6 ms were told for 3."""
+    fits, lag = beside_a_lagging_film("velocity_delay:delay=0.0035,form=1", seed=6)
     late = fits(lag.model, "velocity_delay", {"delay": 0.003})
     assert late is not None
     best = fits.shaped(lag.model, late)
@@ -179,13 +184,7 @@ def test_a_velocity_behind_a_filter_has_its_time_beside_a_lagging_film() -> None
 
 def test_what_the_memory_delays_belongs_to_the_time() -> None:
     """With the film's lag known a delay stayed a sample short, and a sample of memory made up for it."""
-    hidden = (parse_effect("time_delay:delay=0.0328"),)
-    samples = simulate(Scenario(SHORT, plant="film_lag", rate_hz=200.0, seed=7, effects=hidden)).samples
-    record = build_record([samples], SEAL)
-    context = record.context(SEAL, float(np.abs(record.friction_N).max()))
-    fits = Candidates(BaseProblem(record, SEAL), context, EFFECTS, 0)
-    lag = fits(fits.base(), "frictional_lag", {"lag": 0.006, "rest": 0.0}, search=False)
-    assert lag is not None
+    fits, lag = beside_a_lagging_film("time_delay:delay=0.0328", seed=7)
     short = fits(lag.model, "time_delay", {"delay": 0.0278}, search=False)
     assert short is not None
     assert abs(short.term.params["delay"] - 0.0328) > 0.004
