@@ -299,3 +299,19 @@ def test_nothing_is_compiled_or_loaded_while_samples_come():
     env = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run([sys.executable, "-c", DRIVE], check=False, capture_output=True, text=True, env=env)
     assert (done.returncode, done.stdout.strip()) == (0, "{}"), done.stderr
+
+
+def test_a_start_leaves_out_coverage_and_most_searches_for_garbage(tmp_path):
+    """`coverage` is there to be imported, and numba, which looks for it, does without."""
+    (tmp_path / "coverage.py").write_text("raise SystemExit('coverage was imported')\n")
+    start = (
+        "import gc, sys\n"
+        "from friction_estimator.startup import START_OBJECTS, spare_the_start\n"
+        "spare_the_start()\n"
+        "import numba\n"
+        "assert gc.get_threshold()[0] == START_OBJECTS\n"
+        "assert not sys.modules['coverage']\n"
+    )
+    env = os.environ | {"PYTHONPATH": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", start], check=False, capture_output=True, text=True, env=env)
+    assert done.returncode == 0, done.stderr

@@ -15,6 +15,7 @@ from friction_estimator import __version__
 from friction_estimator.cli.progress import compilation_told
 from friction_estimator.cli.terminal import EXIT_CODES, PROGRAM, Parser, guarded
 from friction_estimator.core.errors import ConfigError
+from friction_estimator.startup import spare_the_start
 
 VERBS: dict[str, tuple[str, str]] = {
     # verb: (module in friction_estimator.cli, what it does)
@@ -34,20 +35,13 @@ VERBS: dict[str, tuple[str, str]] = {
 which returns the exit code."""
 
 
-START_OBJECTS = 10_000
-"""Objects made between two searches for unreachable cycles, Python's own being 700: a start makes some 100,000, nearly
-all of which stay, and a search looks at them again and again."""
-
-
 def program() -> int:
     """Run the command line as a program, in a process of its own; return its exit code.
 
     A start and an end without the searches for garbage that cannot find any: a quarter of the time of a short command.
     """
-    gc.set_threshold(START_OBJECTS)
+    spare_the_start()
     atexit.register(gc.freeze)  # what is left goes with the process
-    # numba imports it wherever it is installed, to tell it of compiled lines; a twentieth of a start.
-    sys.modules.setdefault("coverage", None)  # type: ignore[arg-type]
     return main()
 
 

@@ -8,6 +8,7 @@ import os
 import sys
 
 from friction_estimator.ros.stop_signals import StopSignals
+from friction_estimator.startup import spare_the_start
 from friction_estimator.threads import one_thread
 
 TYPE_CHECKING = False
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
 SWITCH_S = 2e-5
 """Longest time that a thread in the background keeps a sample waiting for the interpreter's lock (5 ms by default)."""
 
+SEARCH_OBJECTS = 700
+"""New objects between two searches for unreachable cycles while samples come: few, so that each search is short."""
+
 SPIN_S = 0.1
 """Longest wait in one turn of the spin loop: bounds how late a signal is noticed."""
 
@@ -24,6 +28,7 @@ SPIN_S = 0.1
 def main() -> None:
     """Run the node until a signal ends it; end the process with 0, 2 for unusable arguments, 70 for a fault."""
     signals = StopSignals()
+    spare_the_start()
     import logging  # noqa: PLC0415 - what is imported before the handlers are in place cannot be stopped in order
     from contextlib import suppress  # noqa: PLC0415
 
@@ -76,6 +81,7 @@ def _run(arguments: list[str], signals: StopSignals) -> None:
         # What exists now stays: no full collection shall walk through it while samples wait.
         gc.collect()
         gc.freeze()
+        gc.set_threshold(SEARCH_OBJECTS)
         signals.started()
         spin(node, signals)
         node.close()
