@@ -7,6 +7,8 @@ import pytest
 from diagnosis_records import names, record
 
 from friction_estimator.core.settings.config import Config
+from friction_estimator.diagnosis.base_problem import Capacity
+from friction_estimator.diagnosis.capacity import in_words
 from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.diagnosis.record import build_record
 from friction_estimator.diagnosis.search import Cause
@@ -86,6 +88,13 @@ def test_unlike_memories_are_no_finer_curve() -> None:
     data = record(plant="parallel_memory", segments=ONE_PRESSURE, noise=0.003)
     result = diagnose([data], with_theory(boundary_friction=1.4), catalogue={"sensor_bias": EFFECTS["sensor_bias"]})
     assert not any("finer static curve" in words for words in result.excitation.warnings)
+
+
+@pytest.mark.parametrize("splines", [12, 24])
+def test_a_longer_memory_is_called_so(splines: int) -> None:
+    """Behind a finer curve, too."""
+    assert "a longer memory" in in_words(Capacity(splines, 8), Capacity(splines, 16))
+    assert "a finer static curve" in in_words(Capacity(12, 8), Capacity(24, 8))
 
 
 def with_theory(**factors: float) -> Config:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from friction_estimator.core.sample import Floats
-from friction_estimator.diagnosis.base_problem import OWN_LAGS, SPLINES, Capacity, OddCurve, tap_covariance
+from friction_estimator.diagnosis.base_problem import OWN_LAGS, Capacity, OddCurve, tap_covariance
 from friction_estimator.diagnosis.evidence import Evidence, Rule
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.lagged import filtered, lagged
@@ -39,9 +39,9 @@ def wider(model: Joint, evidence: Evidence) -> tuple[Capacity | None, float]:
     return best, gains[best] if best is not None else 0.0
 
 
-def in_words(capacity: Capacity) -> str:
-    """Return the warning that goes with a larger base model."""
-    what = "a finer static curve" if capacity.splines > SPLINES else "a longer memory"
+def in_words(before: Capacity, after: Capacity) -> str:
+    """Return the warning that goes with a larger base model than the one before."""
+    what = "a finer static curve" if after.splines > before.splines else "a longer memory"
     return f"the base model needed {what} than usual; that is lack of fit, no cause"
 
 

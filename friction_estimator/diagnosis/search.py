@@ -180,7 +180,7 @@ class Searcher:
                 capacity, lack = wider(model.joint, view.evidence)
                 gained = found[0].gain if found else 0.0
                 if capacity is not None and lack > max(3.0 * view.thresholds[0], view.least, gained):
-                    warnings.append(in_words(capacity))
+                    warnings.append(in_words(self.problem.capacity, capacity))
                     self._starts_with(capacity)
                     models = [self.fits.base()]
                     continue
