@@ -22,6 +22,7 @@ from friction_estimator.core.errors import UnanswerableError
 from friction_estimator.core.settings.config import Config
 from friction_estimator.documents.configuration import read_config
 from friction_estimator.sweep import judged, recall
+from friction_estimator.sweep.job import Job, judge
 from friction_estimator.tasks import identity
 from friction_estimator.tasks.identity import File, changed_ns
 
@@ -283,6 +284,15 @@ def test_a_recording_is_read_once_for_many_configurations_within_bounds(bags, mo
     monkeypatch.setattr(recall, "MOST_BYTES", size)
     recall.recalled(files[0], Config.from_mapping({"sync.slop": 0.001}), {})
     assert sum(item.size for item in recall._kept.values()) <= size
+
+
+def test_what_was_learned_from_before_is_forgotten(bags, monkeypatch):
+    """Jobs come recording by recording: kept, two thousand small ones would fill the memory by and by."""
+    monkeypatch.setattr(recall, "_kept", type(recall._kept)())
+    first, second, test = (File(str(bags / "sine"), name, changed_ns(bags / "sine")) for name in "abc")
+    for learned, kept in ((first, "ac"), (first, "ac"), (second, "bc")):
+        judge(Job(learned, (test,), {"model.law": "nlms"}, {}, 0.0))
+        assert sorted(key[0] for key in recall._kept) == list(kept)
 
 
 def test_a_recording_that_changes_meanwhile_is_told(bags):

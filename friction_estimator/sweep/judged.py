@@ -18,7 +18,7 @@ from friction_estimator.core.sample import Bools, Floats, Samples
 from friction_estimator.core.settings.config import PARAMETERS, Config
 from friction_estimator.effects.extension import extension_as_met, extension_from_config
 from friction_estimator.sweep.job import FEWEST_BLOCKS, MOST_BLOCKS, Job
-from friction_estimator.sweep.recall import Admitted, recalled
+from friction_estimator.sweep.recall import Admitted, keep_only, recalled
 from friction_estimator.tasks.identity import File
 
 LONGEST_MEMORY = int(PARAMETERS["fir.order"].high)
@@ -40,6 +40,7 @@ def row_of(job: Job) -> dict[str, Any]:
     Raises UnanswerableError and InputError where there is nothing to learn from or to judge by, or the model diverged.
     """
     given = Config.from_mapping(job.settings)
+    keep_only([job.recording, *job.others])
     learned = recalled(job.recording, given, job.topics)
     config = given.updated({"input.motion": learned.motion})
     with about(job.recording.path):

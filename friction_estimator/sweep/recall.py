@@ -1,7 +1,7 @@
 """Recordings that a process has read, kept for the next configuration: reading takes as long as learning."""
 
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields
 from threading import Lock
 from typing import Any
@@ -34,6 +34,17 @@ class Admitted:
         """Bytes."""
         arrays = (getattr(self.samples, item.name) for item in fields(Samples))
         return sum(values.nbytes for values in arrays if values is not None)
+
+
+def keep_only(files: Collection[File]) -> None:
+    """Forget all recordings but these.
+
+    The jobs of a sweep come recording by recording: what another one learned from is not asked for again.
+    """
+    needed = {file.content for file in files}
+    with _lock:
+        for key in [key for key in _kept if key[0] not in needed]:
+            del _kept[key]
 
 
 def recalled(file: File, config: Config, topics: Mapping[str, str]) -> Admitted:
