@@ -186,26 +186,40 @@ def test_numbers_taken_in_their_chunk_are_those_of_rows(kind, form, data):
             continue
         stamps = decoded.stamp_ns if decoded.stamp_ns is None else decoded.stamp_ns[decoded.present].tolist()
         arrays = decoded.value.tobytes(), decoded.value.dtype, decoded.present.tolist()
-        found.append((stamps, *arrays, decoder.absences, decoder.joints, decoder.frames))
+        found.append((stamps, *arrays, decoder.absences, decoder.joints, decoder.frame_id))
     assert found[0] == found[1] == found[2]
 
 
+class Walks:
+    """An extractor that counts how many messages it walks."""
+
+    def __init__(self, extractor):
+        self.extractor, self.stamped, self.count = extractor, extractor.stamped, 0
+
+    def locate(self, cursor, want):
+        self.count += 1
+        return self.extractor.locate(cursor, want)
+
+
+@pytest.mark.parametrize("form", [CDR_LITTLE, CDR_BIG, ROS1])
 @pytest.mark.parametrize("kind", [name for name, entry in EXTRACTORS.items() if entry.stamped])
-def test_frames_that_change_with_every_message_cost_no_sample(kind):
+def test_frames_that_change_with_every_message_cost_neither_a_sample_nor_a_walk(kind, form):
+    """One walk for each of its three lengths, whatever stands in it, and one of the first message for its own."""
     rng = np.random.default_rng(3)
-    values = rng.normal(size=(200, 6))
     raws = []
-    for k, row in enumerate(values):
-        # Numbered frames of equal length: the same number of bytes, another layout each.
+    for k, row in enumerate(rng.normal(size=(200, 6))):
         body = [row[:1], row[1:2], row[2:3]] if kind.endswith("JointState") else row.tolist()
-        raws.append(serialise(build(kind, body, (k + 1, k), f"f{k:03d}", ["a"]), kind, CDR_LITTLE))
-    quantity = sorted(EXTRACTORS[kind].feeds)[0]
-    want = Want(quantity)
-    decoded = Decoder(EXTRACTORS[kind], want).many(raws)
+        raws.append(serialise(build(kind, body, (k + 1, k), f"f{200 - k}", ["a"], form == ROS1), kind, form))
+    want = Want(sorted(EXTRACTORS[kind].feeds)[0])
+    walks = Walks(EXTRACTORS[kind])
+    decoder = Decoder(walks, want, ros1=form == ROS1)
+    decoded = decoder.many(raws)
+    assert walks.count <= 4
+    assert decoder.frame_id == "f200"
     assert decoded.present.all()
     assert decoded.stamp_ns is not None
     np.testing.assert_array_equal(decoded.stamp_ns, [(k + 1) * NS_PER_S + k for k in range(200)])
-    np.testing.assert_array_equal(decoded.value, [expected(kind, raw, CDR_LITTLE, want)[1] for raw in raws])
+    np.testing.assert_array_equal(decoded.value, [expected(kind, raw, form, want)[1] for raw in raws])
 
 
 @pytest.mark.parametrize("form", [CDR_LITTLE, CDR_BIG, ROS1])

@@ -1,7 +1,7 @@
 """Where the numbers stand in a serialised message.
 
 A `Cursor` walks one message the way its serialisation lays it out and remembers which bytes decided the way: a
-length, a string, the encapsulation. Every message that has the same bytes there has its numbers in the same
+length, a joint's name, the encapsulation. Every message that has the same bytes there has its numbers in the same
 places, so one walk serves for thousands of messages (see `messages.Decoder`).
 
 Serialisations: CDR of ROS 2 in both byte orders (4 bytes of encapsulation, alignment counted from behind them,
@@ -40,7 +40,8 @@ class Layout:
     stamp_at : place of the header stamp; None without header.
     stamp_code : struct code of the seconds: "i" in ROS 2, "I" in ROS 1.
     value_at : place of the wanted float64; None where the message does not hold it, `absence` says why.
-    frame_id, joint : of the header; of the value.
+    frame_id : of the header of the message that was walked; of others with this layout it may be another.
+    joint : of the value.
     """
 
     length: int
@@ -105,25 +106,25 @@ class Cursor:
         self._fixed.append((start, self._raw[start : start + 4]))
         return int(struct.unpack_from(self.order + "I", self._raw, start)[0])
 
-    def string(self) -> str:
-        """Pass a string."""
+    def string(self, *, fixed: bool = True) -> str:
+        """Pass a string; where it is not `fixed`, another text of the same length has the same layout."""
         size = self.count()
         start = self._advance(size)
         text = self._raw[start : start + size]
-        self._fixed.append((start, text))
-        if not self._ros1:
-            if not text.endswith(b"\x00"):
-                raise LayoutError("a string without its closing zero")
-            text = text[:-1]
-        return text.decode("utf-8", "replace")
+        closing = b"" if self._ros1 else b"\x00"
+        if not text.endswith(closing):
+            raise LayoutError("a string without its closing zero")
+        decides = text if fixed else closing
+        self._fixed.append((start + size - len(decides), decides))
+        return text.removesuffix(closing).decode("utf-8", "replace")
 
     def header(self) -> None:
-        """Pass a std_msgs/Header; keep the place of its stamp and its frame_id."""
+        """Pass a std_msgs/Header; keep the place of its stamp and its frame_id, which may change between messages."""
         if self._ros1:
             self._advance(4)  # seq
         self._align(4)
         self.stamp_at = self._advance(8)
-        self.frame_id = self.string()
+        self.frame_id = self.string(fixed=False)
 
     def doubles(self, count: int) -> int:
         """Pass `count` float64; return the place of the first. No items, no alignment."""

@@ -147,7 +147,7 @@ class Decoder:
     """Read stamp and value of one quantity from serialised messages of one type.
 
     The places are found on one message; the next ones are read from the same places for as long as the bytes
-    that fix them (encapsulation, lengths, strings) stay the same, and are walked anew where they change. So every
+    that fix them (encapsulation, lengths, names) stay the same, and are walked anew where they change. So every
     message is checked, constant layouts are read at the speed of numpy, and changing ones are read all the same.
 
     Parameters
@@ -159,7 +159,8 @@ class Decoder:
     Attributes
     ----------
     absences : how many messages lacked the value, by reason.
-    joints, frames : the joints and frame_ids met.
+    joints : those met.
+    frame_id : of the first message; None before it, "" where the type has none.
 
     Examples
     --------
@@ -171,7 +172,7 @@ class Decoder:
     def __init__(self, extractor: Extractor, want: Want, *, ros1: bool = False) -> None:
         self.absences: Counter[str] = Counter()
         self.joints: set[str] = set()
-        self.frames: set[str] = set()
+        self.frame_id: str | None = None
         self._extractor, self._want, self._ros1 = extractor, want, ros1
         self._layout: Layout | None = None
         self._stamp, self._value = struct.Struct("<iI"), struct.Struct("<d")
@@ -183,7 +184,8 @@ class Decoder:
 
     def _learn(self, raw: bytes) -> Layout:
         layout = self._extractor.locate(Cursor(raw, ros1=self._ros1), self._want)
-        self.frames.add(layout.frame_id)
+        if self.frame_id is None:
+            self.frame_id = layout.frame_id
         if layout.joint:
             self.joints.add(layout.joint)
         self._layout = layout
@@ -215,6 +217,8 @@ class Decoder:
         if isinstance(messages, Placed):
             return self._placed(messages) or self.many(messages.rows())
         n = len(messages)
+        if n and self.frame_id is None:
+            self._learn(bytes(messages[0]))
         stamps, value, present = np.zeros(n, np.int64), np.full(n, np.nan), np.zeros(n, np.bool_)
         for own, rows, layout in by_layout(messages, self._layout_of):
             if layout.stamp_at is not None:

@@ -271,14 +271,11 @@ class _Listener:
         self._name, self._joint_named = name, bool(config.joint)
         self._extractor = EXTRACTORS[topic.message_type]
         self._decoder = Decoder(self._extractor, Want(name, config.axis, config.joint, motion), ros1=ros1)
-        self._frame_id: str | None = None
         self._messages = self._unusable = 0
 
     def part(self, log_time_ns: Ints, messages: Messages) -> Part:
         """Return the numbers of a batch. Raises LayoutError."""
         decoded = self._decoder.many(messages)
-        if self._frame_id is None and len(messages):
-            self._frame_id = min(self._decoder.frames, default="")
         part = Part(log_time_ns if decoded.stamp_ns is None else decoded.stamp_ns, log_time_ns, decoded.value)
         if not decoded.present.all():
             part = part.where(decoded.present)
@@ -305,7 +302,7 @@ class _Listener:
             topic=topic.name,
             message_type=topic.message_type,
             messages=self._messages,
-            frame_id=self._frame_id or "",
+            frame_id=self._decoder.frame_id or "",
             joint="".join(joints),
             missing=absences.total(),
             stamped=self._extractor.stamped,
