@@ -37,7 +37,7 @@ class JointReader:
     """Read the same joints from many messages.
 
     The places are found on one message and serve for all that have the same bytes where lengths and names stand; so
-    every message is checked, and the usual one costs four comparisons and one unpacking for all joints together.
+    every message is checked, and the usual one costs a few comparisons and one unpacking for all joints together.
 
     Parameters
     ----------

@@ -190,14 +190,15 @@ class Inputs:
         reader = JointReader([each.joint for each in inputs], [each.velocity_from for each in inputs])
         remember, unusual = source.stamps.append, self._on_error
         places: JointPlaces | None = None
+        frame_end = 0
 
         def receive(raw: bytes) -> None:
-            nonlocal places
+            nonlocal places, frame_end
             found = reader.places(raw)
-            if found is not places:  # the frame is among what fixes the places
+            if raw[12:frame_end] != source.frame or found is not places:
                 places = found
                 source.seen(frame_in(raw))
-                self.frame = source.frame
+                self.frame, frame_end = source.frame, 12 + len(source.frame)
                 if alone and found.joints:
                     self.motion.joint_is(found.joints[0])
             if found.absent:
