@@ -35,10 +35,11 @@ format: $(VENV)/.installed
 	$(BIN)/ruff format .
 
 # Made aside and moved into place by the stamp only: an interrupted install is repeated, never half used.
+# The lock holds everything; pip before 23.3 would look for another release of what a pin asks for with an extra.
 $(VENV)/.installed: requirements.lock setup.py setup.cfg package.xml
 	@test -n "$(PYTHON)" || { echo "friction_estimator needs CPython 3.11 to 3.13 with the venv module: install python3-venv or set PYTHON=/path/to/python"; exit 1; }
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	touch $@
 
