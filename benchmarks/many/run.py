@@ -19,6 +19,7 @@ from tempfile import TemporaryDirectory
 from friction_estimator.output.target import write_text
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
+import as_users
 import provenance
 
 HERE = Path(__file__).parent
@@ -75,6 +76,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=3)
     rounds = parser.parse_args().rounds
+    as_users.prepare()
     with TemporaryDirectory() as scratch:
         folder = Path(scratch)
         (folder / "long").mkdir()

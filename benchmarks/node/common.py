@@ -12,9 +12,12 @@ import numpy as np
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parents[1] / "test"), str(HERE.parent)]
 
-import provenance  # noqa: E402 - after the path
+import as_users  # noqa: E402 - after the path
+import provenance  # noqa: E402
 from geometry_msgs.msg import WrenchStamped  # noqa: E402
 from ros_graph import Feeder, Graph, Process, await_, force, motion, qos  # noqa: E402
+
+as_users.prepare()
 
 PREDICTED = "/friction_estimator/friction_predicted"
 TABLE = HERE / "table.md"

@@ -2,7 +2,7 @@
 
     python benchmarks/reading/run.py [--samples 10000000] [--pairs 1000000] [--keep FOLDER]
 
-Times are processor time, the least of some runs (of a start: medians of rounds in turns), and for the verbs on a long
+Times are processor time, of reading the least of some runs, else medians of rounds in turns; for the verbs on a long
 recording beside it time by the clock: `replay` reads in one thread and learns in another, so it needs two free cores.
 Every ratio is of one run of this script. Memory is the largest resident set of the process (`ru_maxrss`). Writes
 README.md beside this file.
@@ -15,6 +15,7 @@ import statistics
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -28,6 +29,7 @@ from friction_estimator.core.sample import NS_PER_S, Samples
 from friction_estimator.output.target import write_text
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
+import as_users
 import provenance
 
 HERE = Path(__file__).parent
@@ -132,25 +134,56 @@ def verbs(folder: Path, samples: int, keep: Path | None) -> list[list[str]]:
         write_samples(path, driven(samples))
     rows = []
     for law in ("rls", "lms"):
-        printed = subprocess.run([PYTHON, "-c", LOOP, str(path), law], check=True, capture_output=True, text=True)
-        loop = float(printed.stdout)
+        words = [*PROGRAM, "replay", str(path), "--law", law]
+        # In turns, so that each is compared with what the machine could do at that moment.
+        turns = [(bare_loop(path, law), *started_and_whole(words, out)) for _ in range(RUNS)]
+        loop = statistics.median(loop for loop, _, _ in turns)
         rows.append(
             [f"bare loop, {law}", f"{loop:.1f}", f"{loop:.1f}", f"{samples / loop:.3g}", "1", "1", "1", "-", "-"]
         )
-        rows.append(_verb([*PROGRAM, "replay", str(path), "--law", law], f"replay, {law}", samples, loop, out))
-    rows.append(_verb([*PROGRAM, "info", str(path)], "info", samples, None, out))
-    rows.append(_verb([*PROGRAM, "identify", str(path), "--fit-only"], "identify --fit-only", samples, None, out))
+        rows.append(row(f"replay, {law}", samples, turns))
+    for name, words in (
+        ("info", [*PROGRAM, "info", str(path)]),
+        ("identify --fit-only", [*PROGRAM, "identify", str(path), "--fit-only"]),
+    ):
+        rows.append(row(name, samples, [(None, *started_and_whole(words, out))]))
     return rows
 
 
-def _verb(words: list[str], name: str, samples: int, loop: float | None, out: Path) -> list[str]:
-    runs = 1 if loop is None else RUNS
-    short, long = (min(child([*words[:4], bag, *words[5:]], out) for _ in range(runs)) for bag in (str(DEMO), words[4]))
-    cpu, clock = long.cpu - short.cpu, long.clock - short.clock
-    shares = ["-" if loop is None else f"{loop / time:.2f}" for time in (cpu, clock, long.clock)]
-    per_sample = f"{1e6 * (long.memory - short.memory) / samples:.0f}"
-    times = [f"{long.cpu:.1f}", f"{long.clock:.1f}"]
-    return [name, *times, f"{samples / clock:.3g}", *shares, f"{long.memory:.0f}", per_sample]
+def bare_loop(path: Path, law: str) -> float:
+    """Return the processor time of the loop over the samples of a recording, s."""
+    words = [PYTHON, "-c", LOOP, str(path), law]
+    printed = subprocess.run(words, check=True, capture_output=True, text=True)
+    return float(printed.stdout)
+
+
+def started_and_whole(words: list[str], out: Path) -> tuple[Cost, Cost]:
+    """Return what a verb costs on bags/demo, which is its start, and on its recording."""
+    return child([*words[:4], str(DEMO), *words[5:]], out), child(words, out)
+
+
+def row(name: str, samples: int, turns: list[tuple[float | None, Cost, Cost]]) -> list[str]:
+    """Return a row of the medians of turns: the bare loop, the start, the whole."""
+
+    def median(of: Callable[[Cost, Cost], float]) -> float:
+        return statistics.median(of(start, whole) for _, start, whole in turns)
+
+    def share(of: Callable[[Cost, Cost], float]) -> str:
+        shares = [loop / of(start, whole) for loop, start, whole in turns if loop is not None]
+        return f"{statistics.median(shares):.2f}" if shares else "-"
+
+    per_sample = median(lambda start, whole: whole.memory - start.memory) / samples
+    return [
+        name,
+        f"{median(lambda _, whole: whole.cpu):.1f}",
+        f"{median(lambda _, whole: whole.clock):.1f}",
+        f"{samples / median(lambda start, whole: whole.clock - start.clock):.3g}",
+        share(lambda start, whole: whole.cpu - start.cpu),
+        share(lambda start, whole: whole.clock - start.clock),
+        share(lambda _, whole: whole.clock),
+        f"{max(whole.memory for _, _, whole in turns):.0f}",
+        f"{1e6 * per_sample:.0f}",
+    ]
 
 
 def start_up() -> list[list[str]]:
@@ -165,8 +198,8 @@ def start_up() -> list[list[str]]:
     }
     with TemporaryDirectory() as scratch:
         out = Path(scratch) / "figures.json"
-        # In turns, so that each is compared with what the machine could do at that moment.
-        rounds = [[child(words, out) for words, _ in wanted.values()] for _ in range(START_ROUNDS)]
+        # In turns, so that each is compared with what the machine could do then; the first round fills the caches.
+        rounds = [[child(words, out) for words, _ in wanted.values()] for _ in range(START_ROUNDS + 1)][1:]
     rows = []
     for (name, (_, bound)), runs in zip(wanted.items(), zip(*rounds, strict=True), strict=True):
         ratio = statistics.median(one.cpu / whole[0].cpu for one, whole in zip(runs, rounds, strict=True))
@@ -188,6 +221,7 @@ def main() -> None:
         "--keep", type=Path, metavar="FOLDER", help="keep the long recording there, or take it from there"
     )
     args = parser.parse_args()
+    as_users.prepare()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with TemporaryDirectory() as scratch:
         folder = Path(scratch)
