@@ -222,10 +222,10 @@ def main() -> None:
     )
     args = parser.parse_args()
     as_users.prepare()
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with TemporaryDirectory() as scratch:
         folder = Path(scratch)
         started = start_up()
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # or waiting threads of a fit count as its processor time
         read = reading(folder, args.pairs)
         long = verbs(folder, args.samples, args.keep)
     command = f"python benchmarks/reading/run.py --samples {args.samples} --pairs {args.pairs}"
