@@ -8,7 +8,8 @@ def line(command: str) -> str:
     """Return "Commit 1a2b3c4, `command`." with a word about changes that are not committed."""
     here = Path(__file__).parent
     commit = _git("rev-parse", "--short", "HEAD", cwd=here).strip()
-    pages = [":(exclude,top)benchmarks/*.md", ":(exclude,top)benchmarks/*.png"]  # what benchmarks write measures nothing
+    # What benchmarks write changes nothing that they measure.
+    pages = [":(exclude,top)benchmarks/*.md", ":(exclude,top)benchmarks/*.png"]
     changed = _git("status", "--porcelain", "--untracked-files=no", "--", ":/", *pages, cwd=here).strip()
     return f"Commit {commit}{' with changes' if changed else ''}, `{command}`.\n"
 
