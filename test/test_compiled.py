@@ -315,3 +315,10 @@ def test_a_start_leaves_out_coverage_and_most_searches_for_garbage(tmp_path):
     env = os.environ | {"PYTHONPATH": str(tmp_path)}
     done = subprocess.run([sys.executable, "-c", start], check=False, capture_output=True, text=True, env=env)
     assert done.returncode == 0, done.stderr
+
+
+def test_the_start_of_the_node_imports_no_reader_of_recordings():
+    pytest.importorskip("rclpy")
+    start = "import friction_estimator.ros.estimator_node, sys; print('rosbags' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", start], check=True, capture_output=True, text=True)
+    assert done.stdout.strip() == "False"

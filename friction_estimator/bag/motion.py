@@ -8,13 +8,16 @@ a unit: its joint is rotary unless a robot description has it as prismatic.
 
 import math
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree  # DOCTYPE, without which there are no entities, is refused below
 
 from friction_estimator.bag.layout import Cursor
 from friction_estimator.bag.messages import EXTRACTORS, Decoder, LayoutError, NoValueError, Want
-from friction_estimator.bag.source import Source, Topic
 from friction_estimator.core.quantities import LINEAR, ROTARY
 from friction_estimator.core.settings.groups import AUTO, InputConfig
+
+if TYPE_CHECKING:  # the node needs this module, but no reader of recordings, whose import is a thirtieth of its start
+    from friction_estimator.bag.source import Source, Topic
 
 LOOKED_AT = 1000
 """Messages that are looked at; where none of them tells, the drive is taken for linear."""
@@ -70,7 +73,7 @@ class Look:
 
 
 def recorded_motion(
-    source: Source, topics: Mapping[str, Topic], config: InputConfig, joint: str | None
+    source: "Source", topics: Mapping[str, "Topic"], config: InputConfig, joint: str | None
 ) -> tuple[str, str]:
     """Return whether a recorded drive is linear or rotary, and why.
 
@@ -95,7 +98,7 @@ def recorded_motion(
     return joint_motion(source, joint)
 
 
-def joint_motion(source: Source, joint: str) -> tuple[str, str]:
+def joint_motion(source: "Source", joint: str) -> tuple[str, str]:
     """Return whether a joint of a recorded JointState is linear or rotary, and why: by a recorded robot description."""
     for topic in source.topics:
         if topic.name.rsplit("/", 1)[-1] == ROBOT_DESCRIPTION and topic.message_type == "std_msgs/msg/String":
