@@ -32,6 +32,29 @@ DEEP = {f"qos_overrides./{topic}.subscription.depth": 4000 for topic in INPUTS}
 # Range and units of `motion`, for tests that are not about the first contact.
 UNITS = {"theory.kind": "seal", "basis.velocity_range": [-0.15, 0.15], "force_unit": 10.0}
 
+PROFILES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
+ANNOUNCED_OFTEN = """<?xml version="1.0" encoding="UTF-8"?>
+<dds xmlns="http://www.eprosima.com"><profiles><participant profile_name="probe" is_default_profile="true">
+<rtps><builtin><discovery_config><leaseAnnouncement><sec>0</sec><nanosec>50000000</nanosec></leaseAnnouncement>
+</discovery_config></builtin></rtps></participant></profiles></dds>
+"""
+
+
+@contextmanager
+def announced_often(folder: Path) -> Iterator[None]:
+    """Let participants that are made within announce themselves every 50 ms; processes started later are as usual.
+
+    Two participants of Fast DDS that miss each other's first announcements find each other at the next one: 3 s later.
+    """
+    file = folder / "profiles.xml"
+    file.write_text(ANNOUNCED_OFTEN)
+    os.environ.update(dict.fromkeys(PROFILES, str(file)))
+    try:
+        yield
+    finally:
+        for name in PROFILES:
+            del os.environ[name]
+
 
 def await_(condition: Callable[[], Any], what: str, limit_s: float = LIMIT_S) -> Any:
     """Return the condition's first true value; fails with `what` where it never comes."""
@@ -117,7 +140,7 @@ class Graph:
     probe : rclpy node, served by a thread.
     """
 
-    def __init__(self, domain: int, folder: Path, *, hear: bool = True) -> None:
+    def __init__(self, domain: int, folder: Path) -> None:
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
         os.environ["ROS_LOG_DIR"] = str(folder / "ros_log")
         import rclpy
@@ -125,8 +148,9 @@ class Graph:
 
         self.domain, self.folder = domain, folder
         self.context = rclpy.Context()
-        rclpy.init(args=[], context=self.context, domain_id=domain)
-        self.probe = rclpy.create_node("probe", context=self.context)
+        with announced_often(folder):
+            rclpy.init(args=[], context=self.context, domain_id=domain)
+            self.probe = rclpy.create_node("probe", context=self.context)
         self._executor = EventsExecutor(context=self.context)
         self._executor.add_node(self.probe)
         self._running = True
@@ -135,7 +159,6 @@ class Graph:
         self.processes: list[Process] = []
         self._publishers: dict[str, Any] = {}
         self._clients: dict[str, Any] = {}
-        del hear
 
     def _serve(self) -> None:
         while self._running:

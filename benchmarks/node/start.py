@@ -1,18 +1,13 @@
 """Time from the start of a process to its first message: the node's first prediction beside a bare rclpy node's echo.
 
 python start.py [--rounds 7] [--rate 100]
-
-Two participants of Fast DDS that miss each other's first announcements find each other at the next one, which comes
-3 s later: so does every other start of either node. What feeds them announces itself every 50 ms here.
 """
 
 import argparse
-import os
 import statistics
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 from common import HERE, PREDICTED, rows, write_section
@@ -26,29 +21,6 @@ NODES: dict[str, Callable[[Graph], Process]] = {
 """The node is told its range and units: without them it waits for two reversals of the drive, as long as these take."""
 
 LONGEST_S = 60.0
-
-PROFILES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
-ANNOUNCED_OFTEN = """<?xml version="1.0" encoding="UTF-8"?>
-<dds xmlns="http://www.eprosima.com"><profiles><participant profile_name="feeder" is_default_profile="true">
-<rtps><builtin><discovery_config><leaseAnnouncement><sec>0</sec><nanosec>50000000</nanosec></leaseAnnouncement>
-</discovery_config></builtin></rtps></participant></profiles></dds>
-"""
-
-
-@contextmanager
-def announced_often(folder: Path) -> Iterator[None]:
-    """Let participants that this process makes announce themselves every 50 ms, those of processes that it starts not.
-
-    The profile is read when a participant is made.
-    """
-    file = folder / "profiles.xml"
-    file.write_text(ANNOUNCED_OFTEN)
-    os.environ.update(dict.fromkeys(PROFILES, str(file)))
-    try:
-        yield
-    finally:
-        for name in PROFILES:
-            del os.environ[name]
 
 
 def first_message(
@@ -77,10 +49,7 @@ def main() -> None:
     args = parser.parse_args()
     heard: list[int] = []
     took: dict[str, list[list[float]]] = {name: [] for name in NODES}
-    folder = Path(tempfile.mkdtemp())
-    with ExitStack() as stack:
-        with announced_often(folder):
-            made = stack.enter_context(graph(folder))
+    with graph(Path(tempfile.mkdtemp())) as made:
         made.probe.create_subscription(
             WrenchStamped, PREDICTED, lambda _: heard.append(time.perf_counter_ns()), qos(False, 1000), raw=True
         )
