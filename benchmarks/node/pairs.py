@@ -100,8 +100,8 @@ def main() -> None:
     ]
     write_section(
         "Pairs",
-        f"{args.rate:g} Hz pairs, rounds of {args.round_seconds:g} s in turns, medians of {args.rounds} (ratios of those "
-        "within a round), law rls, model parallel, reliable on both sides.\n\n"
+        f"{args.rate:g} Hz pairs, rounds of {args.round_seconds:g} s in turns, medians of {args.rounds} (of the ratios "
+        "within rounds), law rls, model parallel, reliable on both sides.\n\n"
         + rows(header, lines)
         + f"\n\nThe node without configuration for {args.seconds:g} s (the load took {long['took_s']:.1f} s): "
         f"{long['received']} predictions "
