@@ -11,7 +11,7 @@ from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.diagnosis.joint import JointFit
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import build_record
-from friction_estimator.diagnosis.search import LATER_SHARE
+from friction_estimator.diagnosis.search import FORMS_SHARE, LATER_SHARE
 from friction_estimator.effects import EFFECTS, Effect
 from friction_estimator.rig.drive import segment
 
@@ -84,7 +84,7 @@ def test_a_cause_that_a_later_one_makes_needless_is_dropped(mass: float) -> None
     assert first.gain > LATER_SHARE * first.model.loss.sum()
     both = fits(first.model, "frictional_lag", {"lag": 0.004, "rest": 0.0})
     assert both is not None
-    needless, fewer = fits.superfluous(both.model, LATER_SHARE) or (None, None)
+    needless, fewer = fits.superfluous(both.model, FORMS_SHARE, LATER_SHARE) or (None, None)
     assert needless == (None if mass else 0)
     if fewer is not None:
         assert [term.name for term in fewer.joint.terms] == ["frictional_lag"]

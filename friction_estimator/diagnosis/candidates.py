@@ -8,9 +8,11 @@ from scipy.stats import t as student
 
 from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.base_problem import BaseProblem
-from friction_estimator.diagnosis.capacity import unlike_memories
+from friction_estimator.diagnosis.capacity import UnlikeMemories
+from friction_estimator.diagnosis.forms import OtherForms
 from friction_estimator.diagnosis.intervals import Estimate, estimates
 from friction_estimator.diagnosis.joint import Joint, JointFit, cross_validated_loss
+from friction_estimator.diagnosis.lack_of_fit import LackOfFit
 from friction_estimator.diagnosis.own_columns import Term, time_of
 from friction_estimator.effects.base import REVERSAL, Effect
 from friction_estimator.effects.features import Context
@@ -35,6 +37,9 @@ RESETTLED = 10.0
 
 RESETTLINGS = 2
 """Most times that an earlier term is sought anew beside the same later one."""
+
+BESIDE_FORMS = 0.15
+"""Of its gain: what a cause must bring beside other forms of earlier ones even where it explains more than they do."""
 
 MOVABLE = 0.3
 """Mean delay of the base's memory, in samples, from which it may be what a time of the whole force should have: a
@@ -112,7 +117,7 @@ class Candidates:
         self._shaped: dict[tuple[int, str], Candidate] = {}
         self._kept: list[Model] = []
         self._estimates: dict[int, list[dict[str, Estimate]]] = {}
-        self._memories: dict[int, float] = {}
+        self._lacks: dict[tuple[int, type[UnlikeMemories | OtherForms]], LackOfFit] = {}
 
     def base(self) -> Model:
         """Return the base model alone."""
@@ -275,17 +280,27 @@ class Candidates:
         return bool(gains.sum() > student.ppf(0.975, gains.size - 1) * error)
 
     def beyond_memory(self, model: Model, one: Candidate) -> bool:
-        """Return whether an effect explains more than unlike memories of the base would: they are lack of fit.
+        """Return whether an effect is more than unlike memories of the base, which are lack of fit.
 
         A time of the whole force is compared with the memory that there is.
         """
-        if one.effect.delays:
+        if one.effect.delays or not model.joint.base.taps.size:
             return True
-        if id(model) not in self._memories:
+        return self._beside(model, UnlikeMemories).is_less(one.model.joint.parts_N[-1], one.gain)
+
+    def beyond_forms(self, model: Model, one: Candidate) -> bool:
+        """Return whether an effect is more than other forms of the causes in a model, one at least, would be."""
+        if one.gain > OtherForms.of(model.joint).power_N2:
+            return True
+        return self._beside(model, OtherForms).is_less(one.model.joint.parts_N[-1], one.gain, BESIDE_FORMS)
+
+    def _beside(self, model: Model, columns: type[UnlikeMemories | OtherForms]) -> LackOfFit:
+        key = id(model), columns
+        if key not in self._lacks:
             self.keep(model)
-            loss_N2 = float(model.loss.sum())
-            self._memories[id(model)] = unlike_memories(model.joint, loss_N2, self.problem.record, self.seed)
-        return one.gain > self._memories[id(model)]
+            wider, loss_N2 = columns.of(model.joint), float(model.loss.sum())
+            self._lacks[key] = LackOfFit(wider, model.joint, loss_N2, self.problem.record, self.seed)
+        return self._lacks[key]
 
     def known_sign(self, one: Candidate) -> bool:
         """Return whether what physics gives one sign, and every length and time, differs from zero by its interval.
@@ -294,17 +309,17 @@ class Candidates:
         """
         return self._known_sign(one.model, -1)
 
-    def superfluous(self, model: Model, share: float) -> tuple[int, Model] | None:
+    def superfluous(self, model: Model, share: float, doubtful: float) -> tuple[int, Model] | None:
         """Return the place of a term that the last one has made needless, and the model without it, or None.
 
-        Its every size may be nothing beside the last one, and without it the model loses less than this share of its
-        error power.
+        Without it the model loses less than this share of its error power; `doubtful`, where the term's every size may
+        be nothing beside the last one.
         """
         for i in range(len(model.joint.terms) - 1):
-            if not self._known_sign(model, i):
-                fewer = self.without(model, i)
-                if sum(gain_parts(fewer, model)) < share * float(model.loss.sum()):
-                    return i, fewer
+            fewer = self.without(model, i)
+            least = share if self._known_sign(model, i) else doubtful
+            if sum(gain_parts(fewer, model)) < least * float(model.loss.sum()):
+                return i, fewer
         return None
 
     def without(self, model: Model, i: int) -> Model:

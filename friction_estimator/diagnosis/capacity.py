@@ -9,7 +9,6 @@ from friction_estimator.diagnosis.base_problem import OWN_LAGS, Capacity, OddCur
 from friction_estimator.diagnosis.evidence import Evidence, Rule
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.lagged import filtered, lagged
-from friction_estimator.diagnosis.record import Record
 
 FINER = 24
 LONGER = 16
@@ -49,13 +48,26 @@ def in_words(before: Capacity, after: Capacity) -> str:
 class UnlikeMemories:
     """A model's tangent, and beside it the lags of each spline: made piece by piece, as that is.
 
+    The base has two memories, the theory's and that of all the rest. Where the theory is wrong the rest holds both what
+    it says wrongly, with its memory, and what it does not say, with another one (decision 0167). Spline j adds
+    sum_i w t_ij (B_j[k-i] - B_j[k]), w the rms of the splines' weights, since parts of unlike memory may cancel in any
+    one of them, t_ij with the prior of the theory's own lags.
+
     Attributes
     ----------
-    model : fitted. modes : (order, modes), lags of one spline in units of their prior's deviations, N.
+    model : fitted, with a memory. modes : (order, modes), lags of one spline in units of their prior's deviations, N.
     """
 
     model: Joint
     modes: Floats
+
+    @classmethod
+    def of(cls, model: Joint) -> "UnlikeMemories":
+        """Return those of a model."""
+        base = model.base
+        size = float(np.sqrt(np.mean(np.square(base.weights))))
+        values, vectors = np.linalg.eigh(tap_covariance(base.taps.size))
+        return cls(model, OWN_LAGS * size * (vectors * np.sqrt(values))[:, ::-1][:, :MODES])
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -76,31 +88,6 @@ class UnlikeMemories:
         splines = lagged_by[:, :, products.width - base.weights.size :]
         lags = np.tensordot(splines[:, 1:] - splines[:, :1], self.modes, (1, 0))
         return np.concatenate([self.model.tangent[part], lags.reshape(len(lags), -1)], axis=1)
-
-
-def unlike_memories(model: Joint, loss_N2: float, record: Record, seed: int) -> float:
-    """Return what the base would gain if each part of its curve had a memory of its own, N^2.
-
-    The base has two memories, the theory's and that of all the rest. Where the theory is wrong the rest holds both what
-    it says wrongly, with its memory, and what it does not say, with another one (decision 0167). Spline j would add
-    sum_i w t_ij (B_j[k-i] - B_j[k]), w the rms of the splines' weights, since parts of unlike memory may cancel in any
-    one of them, t_ij with the prior of the theory's own lags. What that prior takes is taken off.
-
-    Parameters
-    ----------
-    model : fitted. loss_N2 : its held-out error power, summed.
-    """
-    base = model.base
-    if not base.taps.size:
-        return 0.0
-    size = float(np.sqrt(np.mean(np.square(base.weights))))
-    values, vectors = np.linalg.eigh(tap_covariance(base.taps.size))
-    more = UnlikeMemories(model, OWN_LAGS * size * (vectors * np.sqrt(values))[:, ::-1][:, :MODES])
-    variance = base.coefficients.variance
-    penalty = np.concatenate([model.penalty, np.full(more.width, variance)])
-    evidence = Evidence(more, penalty, model.residual_N, record.used, record.block, seed)
-    found = evidence.base_alone(np.ones(evidence.blocks, np.bool_))[-more.width :]
-    return loss_N2 - float(evidence.base_loss().sum()) - variance * float(found @ found)
 
 
 def _gain(evidence: Evidence, columns: Floats) -> float:

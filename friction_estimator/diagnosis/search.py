@@ -47,10 +47,11 @@ CONTENDER = 0.25
 MEASURED_SHARE = 0.25
 """Of the best gain: what a recorded variable must explain to be preferred to an unrecorded one."""
 
+FORMS_SHARE = 0.004
+"""Share of the error power that a further cause must bring where it is more than other forms of the earlier ones."""
+
 SECOND_SHARE = 0.02
-ALIKE_SHARE = 0.10
-"""A further cause must bring this share of the first one's gain; where it acts near reversals, also the larger one of
-that of an earlier one that does: what another functional form of the earlier one leaves there looks like it."""
+"""A further cause must bring this share of the first one's gain."""
 
 SECOND_LEFT, ALIKE_LEFT = 0.2, 0.8
 """Or this share of what the causes before it have left above the noise floor: a first cause of great power, a trait of
@@ -203,7 +204,7 @@ class Searcher:
             models.append(best.model)
             refused.clear()
             weak.clear()
-            while (needless := self.fits.superfluous(models[-1], LATER_SHARE)) is not None:
+            while (needless := self.fits.superfluous(models[-1], FORMS_SHARE, LATER_SHARE)) is not None:
                 place, last = needless
                 dropped.add(causes[place].name)
                 causes, models = self._without(place, last, causes, models)
@@ -278,18 +279,20 @@ class Searcher:
         return not by_data or (fits.stands(model, best) and fits.known_sign(best) and fits.beyond_memory(model, best))
 
     def _enough(self, model: Model, best: Candidate, causes: list[Cause]) -> bool:
-        """Return whether a cause brings enough beside the first one, or of what is left above the floor."""
+        """Return whether a cause brings enough beside the first one, or of what is left above the floor.
+
+        And beside what other forms of the earlier causes explain, except where it is a time of the whole force.
+        """
         if not causes:
             return True
-        if best.gain < _later_N2(model) and not best.by_evidence:
-            return False
         left = self._left(model)
         if best.gain < SECOND_SHARE * causes[0].gain and best.gain < SECOND_LEFT * left:
             return False
         if best.effect.family in {self.catalogue[c.name].family for c in causes} and best.gain < ALIKE_LEFT * left:
             return False
-        like = [c.gain for c in causes if best.effect.acts == self.catalogue[c.name].acts == REVERSAL]
-        return not like or best.gain >= min(ALIKE_SHARE * max(like), ALIKE_LEFT * left)
+        if best.effect.delays or self.lattice_N:
+            return best.by_evidence or best.gain >= _later_N2(model)
+        return best.gain >= FORMS_SHARE * float(model.loss.sum()) and self.fits.beyond_forms(model, best)
 
     def _apart(self, best: Candidate, weak: list[Candidate]) -> bool:
         """Return whether a cause brings its share beside the better ones that may be another form of an earlier cause.

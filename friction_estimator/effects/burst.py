@@ -28,6 +28,12 @@ WILD = 30.0
 MEDIAN_POWER = 0.4549
 """Median over mean of the square of a Gaussian."""
 
+MEDIAN_DEVIATION = 0.6745
+"""Median of the absolute value over the deviation of a Gaussian."""
+
+STAMPS_NOISE = 0.5
+"""Of the noise: what the scatter of the stamps may make of the force's change for a pair to be compared."""
+
 REPEATS = 1e-6
 """Of the force's rms: what differs by less repeats exactly."""
 
@@ -78,12 +84,27 @@ def differences(view: DataView) -> tuple[Floats, Ints] | None:
     first, second, shift = first[keep], second[keep], shift[keep]
     if first.size < FEWEST_PAIRS:
         return None
+    told = _told_apart(view, residual[first] - residual[second], first, second)
+    first, second, shift = first[told], second[told], shift[told]
     there = np.where(shift >= 0.0, residual[second + 1], residual[second - 1])
     moved = residual[second] + np.abs(shift) * (there - residual[second])
     # A point between two samples has less noise than one on a sample, by (1 - s)^2 + s^2: even it out.
     share = np.abs(shift)
     evened = np.sqrt(1.0 + np.square(1.0 - share) + np.square(share))
     return (residual[first] - moved) / evened, first
+
+
+def _told_apart(view: DataView, difference: Floats, first: Ints, second: Ints) -> Bools:
+    """Return in which pairs the force changes by less than noise while the stamps scatter, (m,).
+
+    A cycle is compared with another at another time by that scatter, which makes (dF/dt)^2 var(t) of difference.
+    """
+    time, force = view.features.time_s, view.force_N
+    step = np.diff(time)
+    scatter_s = float(np.median(np.abs(step - view.context.step_s))) / (MEDIAN_DEVIATION * np.sqrt(2.0))
+    noise = float(np.sqrt(np.median(np.square(difference)) / (2.0 * MEDIAN_POWER)))
+    rise = sum((force[k + 1] - force[k - 1]) / (time[k + 1] - time[k - 1]) for k in (first, second))
+    return np.asarray(np.abs(0.5 * rise) * scatter_s <= STAMPS_NOISE * noise)
 
 
 def _whole(used: Bools, index: Ints) -> Bools:

@@ -1,0 +1,97 @@
+"""What other functional forms of the causes in a model could still explain of what it leaves.
+
+A cause is named by its regressor's form, and nature has another one. What the difference of the two leaves passes every
+test of significance in a long record, and resembles some other cause of the catalogue. So a further cause is asked what
+it explains beside these differences.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from friction_estimator.core.sample import Floats
+from friction_estimator.diagnosis.joint import Joint
+from friction_estimator.diagnosis.library import columns_of
+from friction_estimator.diagnosis.own_columns import Term
+from friction_estimator.effects.shapes import HATS, hats
+
+SHARE = 0.3
+"""Deviation of the share by which a cause's force may be another one at a speed, in a direction, at a pressure."""
+
+SCALES = (0.5, 2.0)
+"""Factors of a cause's lengths and times at which a share of its force may act as well."""
+
+FEW = 2
+"""Columns that a variant of a cause may have to be one of its other forms here."""
+
+
+@dataclass(frozen=True)
+class OtherForms:
+    """A model's tangent, and beside it what other forms of its causes differ by.
+
+    The force of a cause is taken times hat functions of the speed, times the direction where it turns with it, times
+    the pressure about its mean, and times the sign of the change of speed; beside that it may act at other lengths and
+    times, and in its variants. All in units of the prior's deviation.
+
+    Attributes
+    ----------
+    model : with a cause at least. pressure : (n,), about its mean, over its deviation.
+    others : (n, c) of each cause, its force at other lengths and times and in its variants.
+    """
+
+    model: Joint
+    pressure: Floats
+    others: tuple[Floats, ...]
+
+    @classmethod
+    def of(cls, model: Joint) -> "OtherForms":
+        """Return those of a model."""
+        pressure = model.features.pressure_Pa
+        lifted = (pressure - pressure.mean()) / (float(np.std(pressure)) or 1.0)
+        others = tuple(_others(model, term, part) for term, part in zip(model.terms, model.parts_N, strict=True))
+        return cls(model, lifted, others)
+
+    @property
+    def power_N2(self) -> float:
+        """Power that other forms of this share may have, summed, N^2."""
+        return SHARE**2 * sum(float(part @ part) for part in self.model.parts_N)
+
+    @property
+    def width(self) -> int:
+        """Number of columns beside the tangent."""
+        own = sum(HATS + 2 + int(t.effect.turns) for t in self.model.terms)
+        return own + sum(int(o.shape[1]) for o in self.others)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(n, q)."""
+        n, q = self.model.tangent.shape
+        return n, q + self.width
+
+    def __getitem__(self, part: slice, /) -> Floats:
+        """Return the columns of some samples, (n_part, q)."""
+        model, f = self.model, self.model.features[part]
+        faster = np.sign(f.acceleration_m_s2 * f.direction)
+        on = np.column_stack([hats(f.velocity_m_s, model.reference), self.pressure[part], faster, f.direction])
+        made = [
+            SHARE * force[part, None] * (on if term.effect.turns else on[:, :-1])
+            for term, force in zip(model.terms, model.parts_N, strict=True)
+        ]
+        return np.concatenate([model.tangent[part], *made, *(o[part] for o in self.others)], axis=1)
+
+
+def _others(model: Joint, term: Term, force_N: Floats) -> Floats:
+    """Return the force of a cause at other lengths and times and in its variants, (n, c), in deviations."""
+    nothing = np.zeros((force_N.size, 0))
+    if term.effect.delays or term.effect.in_theory:
+        return nothing
+    size = float(np.sqrt(np.mean(np.square(force_N))))
+    moved = [n for n in term.effect.refined if n not in (*term.effect.shares, *term.effect.steps) and term.params[n]]
+    shapes = [term.params | {n: s * term.params[n]} for n in moved for s in SCALES]
+    shapes += [dict(v) for v in term.effect.variants(term.params) if term.effect.columns(v).size <= FEW]
+    made = [columns_of(term.effect, shape, model.features, model.reference) for shape in shapes]
+    if not made:
+        return nothing
+    columns = np.concatenate(made, axis=1)
+    rms = np.sqrt(np.mean(np.square(columns), axis=0))
+    return np.asarray(columns[:, rms > 0.0] * (SHARE * size / rms[rms > 0.0]))
