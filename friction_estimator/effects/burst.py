@@ -99,12 +99,12 @@ def _told_apart(view: DataView, difference: Floats, first: Ints, second: Ints) -
 
     A cycle is compared with another at another time by that scatter, which makes (dF/dt)^2 var(t) of difference.
     """
-    time, force = view.features.time_s, view.force_N
-    step = np.diff(time)
-    scatter_s = float(np.median(np.abs(step - view.context.step_s))) / (MEDIAN_DEVIATION * np.sqrt(2.0))
+    force, step, last = view.force_N, view.context.step_s, view.force_N.size - 1
+    off = np.abs(np.diff(view.features.time_s) - step)
+    scatter_s = float(np.median(off)) / (MEDIAN_DEVIATION * np.sqrt(2.0))
     noise = float(np.sqrt(np.median(np.square(difference)) / (2.0 * MEDIAN_POWER)))
-    rise = sum((force[k + 1] - force[k - 1]) / (time[k + 1] - time[k - 1]) for k in (first, second))
-    return np.asarray(np.abs(0.5 * rise) * scatter_s <= STAMPS_NOISE * noise)
+    rise = sum(force[np.minimum(k + 1, last)] - force[np.maximum(k - 1, 0)] for k in (first, second)) / (4.0 * step)
+    return np.asarray(np.abs(rise) * scatter_s <= STAMPS_NOISE * noise)
 
 
 def _whole(used: Bools, index: Ints) -> Bools:
