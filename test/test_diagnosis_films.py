@@ -88,3 +88,19 @@ def test_a_cause_that_a_later_one_makes_needless_is_dropped(mass: float) -> None
     assert needless == (None if mass else 0)
     if fewer is not None:
         assert [term.name for term in fewer.joint.terms] == ["frictional_lag"]
+
+
+def test_a_cause_whose_sign_is_known_is_dropped_as_well_where_a_later_one_does_its_work() -> None:
+    """A pressure that was taken for what bristles do fits them worse than they alone."""
+    drive = [(psi, t) for psi in (50.0, 100.0, 200.0) for t in (1.0, 5.0)]
+    data = record([], plant="maxwell_slip", segments=tuple(segment(t, psi, 10.0) for psi, t in drive))
+    data = build_record([data], SEAL)
+    fits = Candidates(BaseProblem(data, SEAL), data.context(SEAL, float(np.abs(data.friction_N).max())), EFFECTS, 0)
+    first = fits(fits.base(), "pressure_dependence", {"mean": 8e5, "viscous": 0.0, "curvature": 1.0, "shape": 2.0})
+    assert first is not None
+    both = fits(first.model, "presliding", {"length": 4e-5, "spread": 1.0})
+    assert both is not None
+    found = fits.superfluous(both.model, FORMS_SHARE, LATER_SHARE)
+    assert found is not None
+    assert found[0] == 0
+    assert [term.name for term in found[1].joint.terms] == ["presliding"]

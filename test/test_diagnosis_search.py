@@ -15,6 +15,7 @@ from friction_estimator.diagnosis.search import Cause
 from friction_estimator.effects import EFFECTS
 from friction_estimator.rig.drive import segment
 
+IN_ORDER = tuple(segment(t, psi, s) for psi in (50.0, 100.0, 200.0) for t, s in ((1.0, 8.0), (5.0, 12.0)))
 ONE_PRESSURE = (segment(1.0, 50.0, 20.0), segment(5.0, 50.0, 40.0))
 
 
@@ -48,6 +49,34 @@ def test_an_alternative_is_a_cause_of_its_own_where_the_first_one_leaves_much(hi
     some = {name: EFFECTS[name] for name in ("presliding", "breakaway")}
     found = diagnose([record(hidden, plant="maxwell_slip")], Config(), catalogue=some)
     assert names(found) == (list(some) if hidden else ["presliding"])
+
+
+@pytest.mark.parametrize(
+    ("hidden", "plant", "noise", "segments", "others"),
+    [
+        # A late velocity saves the memory's prior; what its own curve does not follow is no film.
+        ("velocity_delay:delay=0.00025", "parallel_memory", 0.01, None, ("velocity_delay", "squeeze_film")),
+        # A spring that gets harder is no bristles of half the stroke.
+        ("side_spring:size=0.08,form=1", "film_lag", 0.005, IN_ORDER, ("side_spring", "frictional_lag", "presliding")),
+    ],
+)
+def test_what_another_form_of_a_cause_leaves_is_no_further_one(hidden, plant, noise, segments, others) -> None:
+    data = record([hidden], plant=plant, noise=noise, segments=segments)
+    found = diagnose([data], Config(), catalogue={name: EFFECTS[name] for name in others})
+    assert set(names(found)) == set(others[:-1])
+
+
+@pytest.mark.parametrize(
+    ("hidden", "plant", "noise", "trait"),
+    [
+        ("presliding:size=0.01,form=1,length=1.1e-5", "film_lag", 0.03, "frictional_lag"),
+        ("squeeze_film:size=0.02,speed=0.01,form=1", "maxwell_slip", 0.01, "presliding"),
+    ],
+)
+def test_a_cause_that_resembles_another_form_of_a_trait_is_named_beside_it(hidden, plant, noise, trait) -> None:
+    name = hidden.split(":")[0]
+    both = {n: EFFECTS[n] for n in (trait, name)}
+    assert names(diagnose([record([hidden], plant=plant, noise=noise)], Config(), catalogue=both)) == [trait, name]
 
 
 def test_bristles_that_never_slip_are_no_presliding() -> None:
@@ -88,6 +117,19 @@ def test_unlike_memories_are_no_finer_curve() -> None:
     data = record(plant="parallel_memory", segments=ONE_PRESSURE, noise=0.003)
     result = diagnose([data], with_theory(boundary_friction=1.4), catalogue={"sensor_bias": EFFECTS["sensor_bias"]})
     assert not any("finer static curve" in words for words in result.excitation.warnings)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "found"), [([], ["presliding"]), (["stick_slip:size=0.02"], ["stick_slip", "presliding"])]
+)
+def test_stamps_that_scatter_make_no_stick_slip(hidden, found) -> None:
+    """Bristles build up 500 N/s; a stamp that is off by 0.75 ms is off by five times the noise there."""
+    segments = tuple(segment(t, psi, s) for psi in (50.0, 200.0, 200.0, 50.0) for t, s in ((1.0, 12.0), (5.0, 20.0)))
+    data = record(hidden, plant="maxwell_slip", segments=segments)
+    off_s = 0.005 * np.clip(0.15 * np.random.default_rng(5).standard_normal(len(data)), -0.4, 0.4)
+    data = replace(data, stamp_ns=data.stamp_ns + np.rint(1e9 * off_s).astype(np.int64))
+    some = {name: EFFECTS[name] for name in ("presliding", "stick_slip")}
+    assert names(diagnose([data], Config(), catalogue=some)) == found
 
 
 @pytest.mark.parametrize("splines", [12, 24])

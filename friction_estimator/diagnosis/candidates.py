@@ -38,8 +38,11 @@ RESETTLED = 10.0
 RESETTLINGS = 2
 """Most times that an earlier term is sought anew beside the same later one."""
 
-BESIDE_FORMS = 0.15
-"""Of its gain: what a cause must bring beside other forms of earlier ones even where it explains more than they do."""
+CLEARLY = 0.85
+"""Of a cause's gain: what other forms of earlier ones may explain at the most where it is much the same as they."""
+
+TIME_BESIDE_FORMS = 0.03
+"""Of its gain: what a time of the whole force must bring beside them."""
 
 MOVABLE = 0.3
 """Mean delay of the base's memory, in samples, from which it may be what a time of the whole force should have: a
@@ -288,11 +291,19 @@ class Candidates:
             return True
         return self._beside(model, UnlikeMemories).is_less(one.model.joint.parts_N[-1], one.gain)
 
-    def beyond_forms(self, model: Model, one: Candidate) -> bool:
-        """Return whether an effect is more than other forms of the causes in a model, one at least, would be."""
+    def beyond_forms(self, model: Model, one: Candidate, ample: bool) -> bool:
+        """Return whether an effect is more than other forms of the causes in the model, one at least, would be.
+
+        Where its gain is ample it may be much the same as they, if it explains clearly more. A time of the whole force
+        does to all of it what other forms do to their part; it must bring a trace beside them. What it saves of the
+        memory's prior they cannot make up for.
+        """
         if one.gain > OtherForms.of(model.joint).power_N2:
             return True
-        return self._beside(model, OtherForms).is_less(one.model.joint.parts_N[-1], one.gain, BESIDE_FORMS)
+        lack, force_N = self._beside(model, OtherForms), one.model.joint.parts_N[-1]
+        if one.effect.delays:
+            return one.saved_N2 > one.held_N2 or lack.beside(force_N) >= TIME_BESIDE_FORMS * one.gain
+        return lack.is_less(force_N, one.gain, CLEARLY if ample else 0.0)
 
     def _beside(self, model: Model, columns: type[UnlikeMemories | OtherForms]) -> LackOfFit:
         key = id(model), columns
@@ -334,6 +345,7 @@ class Candidates:
             self._estimates[id(model)] = estimates(model.joint, self.problem.record, self.context, self.seed)
         term, fitted = model.joint.terms[i], self._estimates[id(model)][i]
         one_sign = {name for name in fitted if name in term.effect.refined and name not in term.effect.steps}
+        one_sign |= set(term.effect.positive) & set(fitted)
         if len(term.effect.signs) == term.weights.size and all(term.effect.signs):
             one_sign |= set(fitted)
         known = {name for name, value in fitted.items() if value.low > 0.0 or value.high < 0.0}

@@ -29,27 +29,27 @@ FEW = 2
 class OtherForms:
     """A model's tangent, and beside it what other forms of its causes differ by.
 
-    The force of a cause is taken times hat functions of the speed, times the direction where it turns with it, times
-    the pressure about its mean, and times the sign of the change of speed; beside that it may act at other lengths and
-    times, and in its variants. All in units of the prior's deviation.
+    The force of a cause is taken times hat functions of the speed, times pressure and position about their means,
+    times the sign of the change of speed, times its own size, and times the direction where it turns with it; beside
+    that it may act at other lengths and times, and in its variants. All in units of the prior's deviation.
 
     Attributes
     ----------
-    model : with a cause at least. pressure : (n,), about its mean, over its deviation.
+    model : with a cause at least. place : (n, 2), pressure and position about their means, over their deviations.
     others : (n, c) of each cause, its force at other lengths and times and in its variants.
     """
 
     model: Joint
-    pressure: Floats
+    place: Floats
     others: tuple[Floats, ...]
 
     @classmethod
     def of(cls, model: Joint) -> "OtherForms":
         """Return those of a model."""
-        pressure = model.features.pressure_Pa
-        lifted = (pressure - pressure.mean()) / (float(np.std(pressure)) or 1.0)
+        f = model.features
+        place = np.column_stack([(x - x.mean()) / (float(np.std(x)) or 1.0) for x in (f.pressure_Pa, f.position_m)])
         others = tuple(_others(model, term, part) for term, part in zip(model.terms, model.parts_N, strict=True))
-        return cls(model, lifted, others)
+        return cls(model, place, others)
 
     @property
     def power_N2(self) -> float:
@@ -59,7 +59,7 @@ class OtherForms:
     @property
     def width(self) -> int:
         """Number of columns beside the tangent."""
-        own = sum(HATS + 2 + int(t.effect.turns) for t in self.model.terms)
+        own = sum(HATS + 4 + int(t.effect.turns) for t in self.model.terms)
         return own + sum(int(o.shape[1]) for o in self.others)
 
     @property
@@ -72,11 +72,12 @@ class OtherForms:
         """Return the columns of some samples, (n_part, q)."""
         model, f = self.model, self.model.features[part]
         faster = np.sign(f.acceleration_m_s2 * f.direction)
-        on = np.column_stack([hats(f.velocity_m_s, model.reference), self.pressure[part], faster, f.direction])
-        made = [
-            SHARE * force[part, None] * (on if term.effect.turns else on[:, :-1])
-            for term, force in zip(model.terms, model.parts_N, strict=True)
-        ]
+        on = np.column_stack([hats(f.velocity_m_s, model.reference), self.place[part], faster])
+        made = []
+        for term, force in zip(model.terms, model.parts_N, strict=True):
+            own = [np.abs(force[part]) / (float(np.sqrt(np.mean(np.square(force)))) or 1.0)]
+            own += [f.direction] if term.effect.turns else []
+            made.append(SHARE * force[part, None] * np.column_stack([on, *own]))
         return np.concatenate([model.tangent[part], *made, *(o[part] for o in self.others)], axis=1)
 
 

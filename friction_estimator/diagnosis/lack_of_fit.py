@@ -11,7 +11,7 @@ from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.tangent import Rows
 
 WITHIN = 0.4
-"""Of its gain: what a cause that explains less than such columns must bring beside them."""
+"""Of its gain: what a cause that explains no more than such columns must bring beside them."""
 
 
 class Wider(Rows, Protocol):
@@ -43,10 +43,9 @@ class LackOfFit:
         moments = self._evidence.moments(force_N[:, None])
         return float(self._evidence.cross_validated(moments, Rule((0,))).sum())
 
-    def is_less(self, force_N: Floats, gain_N2: float, least: float = 0.0) -> bool:
+    def is_less(self, force_N: Floats, gain_N2: float, clearly: float = 1.0) -> bool:
         """Return whether these columns cannot stand for a cause of this force (n,) and gain.
 
-        They explain less than it, and it brings `least` of its gain beside them; or, if more, it brings `WITHIN` of it.
+        They explain less than this share of what it does; or it brings `WITHIN` of its gain beside them.
         """
-        share = least if gain_N2 > self.alone_N2 else WITHIN
-        return share == 0.0 or self.beside(force_N) >= share * gain_N2
+        return self.alone_N2 < clearly * gain_N2 or self.beside(force_N) >= WITHIN * gain_N2

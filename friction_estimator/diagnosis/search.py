@@ -47,7 +47,7 @@ CONTENDER = 0.25
 MEASURED_SHARE = 0.25
 """Of the best gain: what a recorded variable must explain to be preferred to an unrecorded one."""
 
-FORMS_SHARE = 0.004
+FORMS_SHARE = 0.006
 """Share of the error power that a further cause must bring where it is more than other forms of the earlier ones."""
 
 SECOND_SHARE = 0.02
@@ -281,7 +281,7 @@ class Searcher:
     def _enough(self, model: Model, best: Candidate, causes: list[Cause]) -> bool:
         """Return whether a cause brings enough beside the first one, or of what is left above the floor.
 
-        And beside what other forms of the earlier causes explain, except where it is a time of the whole force.
+        And whether it is more than what other forms of the earlier causes explain.
         """
         if not causes:
             return True
@@ -290,9 +290,11 @@ class Searcher:
             return False
         if best.effect.family in {self.catalogue[c.name].family for c in causes} and best.gain < ALIKE_LEFT * left:
             return False
-        if best.effect.delays or self.lattice_N:
-            return best.by_evidence or best.gain >= _later_N2(model)
-        return best.gain >= FORMS_SHARE * float(model.loss.sum()) and self.fits.beyond_forms(model, best)
+        later_N2 = _later_N2(model)
+        least_N2 = later_N2 if best.effect.delays or self.lattice_N else FORMS_SHARE / LATER_SHARE * later_N2
+        if best.gain < least_N2 and not best.by_evidence:
+            return False
+        return self.lattice_N > 0.0 or self.fits.beyond_forms(model, best, ample=best.held_N2 >= later_N2)
 
     def _apart(self, best: Candidate, weak: list[Candidate]) -> bool:
         """Return whether a cause brings its share beside the better ones that may be another form of an earlier cause.

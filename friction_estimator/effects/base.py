@@ -104,6 +104,7 @@ class Effect:
     rotary : True where only a shaft that turns can have it.
     channel : recorded channel without which the effect cannot be named ("position", "pressure" or "").
     signs : sign of each column's coefficient, +1 or -1 where physics fixes it, 0 where it is free.
+    positive : fitted quantities that are above zero in a form of several columns, too.
     fixed_gain : True where the columns are the whole change (coefficient one), as for a delay.
     systematic : fitted quantity -> relative shift that another functional form of the same cause can make; part of its
         interval, since data alone rarely tell the form (measured with the `form` keys, see benchmarks/diagnosis).
@@ -138,6 +139,7 @@ class Effect:
     rotary: ClassVar[bool] = False
     channel: ClassVar[str] = ""
     signs: ClassVar[tuple[int, ...]] = (0,)
+    positive: ClassVar[tuple[str, ...]] = ()
     fixed_gain: ClassVar[bool] = False
     systematic: ClassVar[Mapping[str, float]] = {}
     refined: ClassVar[tuple[str, ...]] = ()

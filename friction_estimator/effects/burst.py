@@ -82,10 +82,12 @@ def differences(view: DataView) -> tuple[Floats, Ints] | None:
     keep = view.used[first] & _whole(view.used, second) & ~view.restart[second] & ~view.restart[second + 1]
     keep &= (since[first] > early) & (since[second] > early) & (np.abs(shift) <= LARGEST_SHIFT)
     first, second, shift = first[keep], second[keep], shift[keep]
-    if first.size < FEWEST_PAIRS:
+    if not first.size:
         return None
     told = _told_apart(view, residual[first] - residual[second], first, second)
     first, second, shift = first[told], second[told], shift[told]
+    if first.size < FEWEST_PAIRS:
+        return None
     there = np.where(shift >= 0.0, residual[second + 1], residual[second - 1])
     moved = residual[second] + np.abs(shift) * (there - residual[second])
     # A point between two samples has less noise than one on a sample, by (1 - s)^2 + s^2: even it out.

@@ -91,6 +91,7 @@ class SqueezeFilm(Effect):
         return None
 
     signs = (1,)
+    positive = ("amplitude",)
     refined = ("speed",)
 
 

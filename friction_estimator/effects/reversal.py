@@ -242,6 +242,7 @@ class Presliding(Effect):
         return beyond_length("length", cls.physical(params, weights, context)["length"][0], context)
 
     signs = (1,)
+    positive = ("amplitude",)
     refined = ("length",)
 
 
