@@ -9,7 +9,7 @@ from scipy.stats import t as student
 from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.base_problem import BaseProblem
 from friction_estimator.diagnosis.capacity import UnlikeMemories
-from friction_estimator.diagnosis.forms import OtherForms
+from friction_estimator.diagnosis.forms import OtherForms, power_N2
 from friction_estimator.diagnosis.intervals import Estimate, estimates
 from friction_estimator.diagnosis.joint import Joint, JointFit, cross_validated_loss
 from friction_estimator.diagnosis.lack_of_fit import LackOfFit
@@ -118,6 +118,7 @@ class Candidates:
         self._fit = JointFit(problem, context)
         self._known: dict[tuple[int, str, tuple[tuple[str, float], ...]], Candidate | None] = {}
         self._shaped: dict[tuple[int, str], Candidate] = {}
+        self._settled: dict[tuple[int, str], list[tuple[float, dict[str, float]]]] = {}
         self._kept: list[Model] = []
         self._estimates: dict[int, list[dict[str, Estimate]]] = {}
         self._lacks: dict[tuple[int, type[UnlikeMemories | OtherForms]], LackOfFit] = {}
@@ -181,6 +182,34 @@ class Candidates:
         # Without a likeness others are near.
         return shaped if len(left) == len(shaped) else self.in_best_forms(model, left, close)
 
+    def settle(self, model: Model, after: Model, left_N2: float) -> None:
+        """Forget the fits beside a model whose cause is chosen, but for what `apart` asks: they hold the samples.
+
+        Parameters
+        ----------
+        model, after : without and with that cause. left_N2 : what no cause explains so far, by which others may be
+            behind.
+        """
+        last = after.joint.terms[-1]
+        gain = sum(gain_parts(model, after))
+        self._settled[id(model), last.name] = [
+            (other.gain + PLAIN * other.samples_N2, self._physical(other))
+            for (known, name, _), other in self._known.items()
+            if known == id(model) and name == last.name and other is not None and other.model is not after
+            if not other.belied and gain - other.gain - PLAIN * other.samples_N2 <= left_N2
+            if self.known_sign(other)  # where nothing is known, no value says anything
+        ]
+        self._kept = [*(m for m in self._kept if any(id(m) == known for known, _ in self._settled)), after]
+        alive = {id(m) for m in self._kept}
+        self._known = {key: one for key, one in self._known.items() if key[0] == id(after)}
+        self._shaped = {key: one for key, one in self._shaped.items() if key[0] == id(after)}
+        self._estimates = {key: one for key, one in self._estimates.items() if key in alive}
+        self._lacks = {key: one for key, one in self._lacks.items() if key[0] == id(after)}
+
+    def _physical(self, one: Candidate) -> dict[str, float]:
+        values = one.effect.physical(one.term.params, one.term.weights, self.context)
+        return {name: value for name, (value, _) in values.items()}
+
     def apart(self, model: Model, after: Model, left_N2: float) -> dict[str, float]:
         """Return by how much the quantities of the last term differ in other fits of it that explain nearly as much.
 
@@ -192,14 +221,9 @@ class Candidates:
         told = last.effect.physical(last.params, last.weights, self.context)
         gain = sum(gain_parts(model, after))
         out: dict[str, float] = {}
-        for (known, name, _), other in self._known.items():
-            if known != id(model) or name != last.name or other is None or other.belied or other.model is after:
-                continue
-            behind_N2 = gain - other.gain - PLAIN * other.samples_N2
-            if behind_N2 > left_N2 or not self.known_sign(other):  # where nothing is known, no value says anything
-                continue
-            values = other.effect.physical(other.term.params, other.term.weights, self.context)
-            out |= {n: max(abs(value - told[n][0]), out.get(n, 0.0)) for n, (value, _) in values.items() if n in told}
+        for reach_N2, values in self._settled.get((id(model), last.name), ()):
+            if gain - reach_N2 <= left_N2:
+                out |= {n: max(abs(value - told[n][0]), out.get(n, 0.0)) for n, value in values.items() if n in told}
         return out
 
     def moved_over(self, joint: Joint) -> dict[str, float]:
@@ -298,7 +322,7 @@ class Candidates:
         does to all of it what other forms do to their part; it must bring a trace beside them. What it saves of the
         memory's prior they cannot make up for.
         """
-        if one.gain > OtherForms.of(model.joint).power_N2:
+        if one.gain > power_N2(model.joint):
             return True
         lack, force_N = self._beside(model, OtherForms), one.model.joint.parts_N[-1]
         if one.effect.delays:
@@ -306,9 +330,11 @@ class Candidates:
         return lack.is_less(force_N, one.gain, CLEARLY if ample else 0.0)
 
     def _beside(self, model: Model, columns: type[UnlikeMemories | OtherForms]) -> LackOfFit:
+        """Return what these columns explain beside a model; they are kept for the last model alone, for their size."""
         key = id(model), columns
         if key not in self._lacks:
             self.keep(model)
+            self._lacks = {known: lack for known, lack in self._lacks.items() if known[0] == id(model)}
             wider, loss_N2 = columns.of(model.joint), float(model.loss.sum())
             self._lacks[key] = LackOfFit(wider, model.joint, loss_N2, self.problem.record, self.seed)
         return self._lacks[key]

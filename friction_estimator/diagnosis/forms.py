@@ -52,11 +52,6 @@ class OtherForms:
         return cls(model, place, others)
 
     @property
-    def power_N2(self) -> float:
-        """Power that other forms of this share may have, summed, N^2."""
-        return SHARE**2 * sum(float(part @ part) for part in self.model.parts_N)
-
-    @property
     def width(self) -> int:
         """Number of columns beside the tangent."""
         own = sum(HATS + 4 + int(t.effect.turns) for t in self.model.terms)
@@ -79,6 +74,11 @@ class OtherForms:
             own += [f.direction] if term.effect.turns else []
             made.append(SHARE * force[part, None] * np.column_stack([on, *own]))
         return np.concatenate([model.tangent[part], *made, *(o[part] for o in self.others)], axis=1)
+
+
+def power_N2(model: Joint) -> float:
+    """Return the power that other forms of a model's causes may have by this share, summed, N^2."""
+    return SHARE**2 * sum(float(part @ part) for part in model.parts_N)
 
 
 def _others(model: Joint, term: Term, force_N: Floats) -> Floats:

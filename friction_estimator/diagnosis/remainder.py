@@ -20,7 +20,7 @@ from friction_estimator.effects.spectrum import spectral_lines
 
 LEAST_SHARE = 0.003
 """Share of the error power, noise included, that one variable must explain where no cause is named; beside causes it is
-what a further one would have to bring (`search.LATER_SHARE`)."""
+`search.LATER_SHARE`."""
 
 FAR = 4.8
 """Local standard deviations that count as far outside; white Gaussian noise has one in 600,000."""

@@ -35,8 +35,9 @@ LEAST_SHARE = 0.002
 """Share of the error power that a cause must bring, whatever its significance."""
 
 LATER_SHARE = 0.015
-"""The same of a further cause. What the form of an earlier one, or the base's curve, leaves is no noise: in a record
-of 25,000 samples it passes every test, and something that repeats with the drive looks like it (decision 0133)."""
+"""The same of a further cause that is held against nothing else, and beside causes of a remainder. What the form of an
+earlier cause, or the base's curve, leaves is no noise: in a record of 25,000 samples it passes every test, and what
+repeats with the drive looks like it (decision 0133)."""
 
 CANDIDATES = 6
 """Effects that are compared by joint refit."""
@@ -127,7 +128,7 @@ class Search:
 
     @property
     def least_N2(self) -> float:
-        """Gain that the next cause would have to bring whatever its significance, N^2."""
+        """Gain below which what passes the test is a trace, N^2."""
         return (LATER_SHARE if self.causes else LEAST_SHARE) * float(self.last_evidence.ee.sum())
 
 
@@ -202,12 +203,16 @@ class Searcher:
             p_value = view.p_value(best.effect, best.held_N2) if by_data else None
             causes.append(Cause(best.name, p_value, best.gain, rivals, behind))
             models.append(best.model)
+            self.fits.keep(model)
+            self.fits.settle(model, best.model, self._left(best.model))
+            self._forget(best.model)
             refused.clear()
             weak.clear()
             while (needless := self.fits.superfluous(models[-1], FORMS_SHARE, LATER_SHARE)) is not None:
                 place, last = needless
                 dropped.add(causes[place].name)
                 causes, models = self._without(place, last, causes, models)
+                self._forget(models[-1])
         left = self._left(models[-1])
         steps = zip(causes, models, models[1:], strict=False)
         causes = [replace(one, apart=self.fits.apart(fewer, more, left)) for one, fewer, more in steps]
@@ -244,6 +249,12 @@ class Searcher:
         self.problem = BaseProblem(self.record, self.config, capacity)
         self.fits = Candidates(self.problem, self.context, self.catalogue, self.seed)
         self._views: dict[int, View] = {}
+        self._after: dict[int, list[tuple[str, dict[str, float], float]]] = {}
+
+    def _forget(self, model: Model) -> None:
+        """Forget what was looked at beside other models: what the library says of one is the largest thing there is."""
+        self._views = {key: view for key, view in self._views.items() if key == id(model)}
+        self._after = {key: some for key, some in self._after.items() if key == id(model)}
 
     def _view(self, model: Model) -> View:
         """Return what screening the library says about a model's residual, once for each model."""
@@ -394,16 +405,24 @@ class Searcher:
 
     def _worth(self, option: Candidate, best: Candidate) -> float:
         """Return the gain of an option with the best cause after it, less what further parameters bring by chance."""
-        view = self._view(option.model)
-        passing = self._passing(option.model, view, ())
-        after = [self.fits(option.model, s.name, s.params) for s in passing[:FOLLOWERS]]
+        after = [(self.fits(option.model, name, p), needed) for name, p, needed in self._followers(option.model)]
         alone = option.gain - PLAIN * option.freedom * best.samples_N2
         with_more = [
             c.gain - PLAIN * c.freedom * best.samples_N2 - SECOND_SHARE * best.gain
-            for c in after
-            if c is not None and c.held_N2 > view.needed[c.name]
+            for c, needed in after
+            if c is not None and c.held_N2 > needed
         ]
+        if option is not best:
+            self._views.pop(id(option.model), None)
         return alone + max([0.0, *with_more])
+
+    def _followers(self, model: Model) -> list[tuple[str, dict[str, float], float]]:
+        """Return name and parameters of the effects that pass best after a model, and what each must bring, N^2."""
+        if id(model) not in self._after:
+            view = self._view(model)
+            passing = self._passing(model, view, ())[:FOLLOWERS]
+            self._after[id(model)] = [(s.name, s.params, view.needed[s.name]) for s in passing]
+        return self._after[id(model)]
 
     def _by_design(self, effect: type[Effect]) -> list[str]:
         """Return what a recorded cause that only changed in one order cannot be told from: whatever goes with time."""
