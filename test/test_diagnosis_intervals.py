@@ -7,7 +7,8 @@ from diagnosis_records import abba, record
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import BaseProblem
 from friction_estimator.diagnosis.candidates import Candidates
-from friction_estimator.diagnosis.intervals import Estimate, estimates
+from friction_estimator.diagnosis.evidence import Evidence
+from friction_estimator.diagnosis.intervals import Curvature, Estimate, estimates
 from friction_estimator.diagnosis.joint import Joint, JointFit
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import Record, build_record
@@ -43,6 +44,19 @@ def test_a_gap_is_known_to_a_sample_at_the_best() -> None:
     assert beside["gap"].high > alone["gap"].high
 
 
+@pytest.mark.parametrize("apart", [1e-4, 1e-6, 1e-8, 3e-9, 1e-9, 1e-10])
+def test_no_variance_is_below_nothing_however_alike_two_columns_are(apart: float) -> None:
+    """Bristles that never slip are all the same spring: by rounding a variance was negative, an interval 1e149 N."""
+    rng = np.random.default_rng(2)
+    column, block = rng.standard_normal(4000), np.repeat(np.arange(40), 100)
+    columns = np.column_stack([column, column + apart * rng.standard_normal(4000)])
+    evidence = Evidence(columns, np.zeros(2), rng.standard_normal(4000), np.ones(4000, np.bool_), block, 0)
+    hessian = evidence.zz.sum(0)
+    known = Curvature(evidence, np.linalg.inv(hessian + np.diag(1e-10 * np.diag(hessian)))).covariance()
+    assert np.all(np.diag(known) >= 0.0)
+    assert np.all(np.diag(known) < 1e3 / apart**2)
+
+
 def test_what_no_cause_explains_widens_an_interval() -> None:
     """Bristles that nobody names bend the mass by seven times what chance does."""
     hidden = ["inertia:mass=0.5", "presliding:size=0.04,length=5e-5"]
@@ -65,6 +79,7 @@ def test_the_growth_of_a_breakaway_force_with_the_dwell_is_compared() -> None:
     assert best.term.params["exponent"] == 0.5
     # What no cause explains says how much worse a form may be: its values are in the interval then.
     behind = best.gain - slow.gain
+    fits.settle(base, best.model, 2.0 * behind)
     assert not fits.apart(base, best.model, 0.5 * behind)
     apart = fits.apart(base, best.model, 1.5 * behind)
     assert apart["amplitude"] == pytest.approx(best.term.weights[0] - slow.term.weights[0])

@@ -19,6 +19,9 @@ MEMORY_SHARE = 0.1
 """Samples by which a time of the whole force is uncertain beside its sampling error: the rig's own short memory, of
 which the prior knows that much, delays the force as well."""
 
+LEAST_TOLD = 1e-9
+"""Of the variance that white noise would give: from which on that of the blocks is lifted to it."""
+
 MISFIT = 0.2
 """Correlation up to which what no cause explains may lie along a quantity's own part of its columns, as of a load
 (decision 0072)."""
@@ -68,11 +71,11 @@ class Curvature:
         """
         blocks = self.evidence.blocks
         scores = self.evidence.ze - self.evidence.ze.mean(axis=0)
-        middle = scores.T @ scores * blocks / (blocks - 1)
+        half = self.inverse @ scores.T  # multiplied with itself no variance is below nothing, however alike two columns
+        sandwich, plain = half @ half.T * (blocks / (blocks - 1)), self.inverse * self.variance
         # Few blocks make the sandwich noisy: it never falls below what white noise alone would give.
-        sandwich, plain = self.inverse @ middle @ self.inverse, self.inverse * self.variance
-        known = np.maximum(np.diag(sandwich), 1e-300)
-        lift = np.sqrt(np.fmax(np.diag(plain) / known, np.ones(known.size)))
+        least = np.maximum(np.diag(plain), 1e-300)
+        lift = np.sqrt(np.fmax(least / np.maximum(np.diag(sandwich), LEAST_TOLD * least), np.ones(least.size)))
         return np.asarray(sandwich * np.outer(lift, lift))
 
     def power(self, column: Floats) -> float:
