@@ -147,6 +147,7 @@ def test_a_recording_that_fails_is_a_row_with_its_reason(bags, tmp_path, capsys)
         (["--set", "fir.order=0..8"], "give --random N"),
         (["--set", "fir.order=0,4", "--freeze-after", "1"], "give a fraction between 0 and 1"),
         (["--set", "fir.order=0,4", "--workers", "0"], "--workers 0: give 1 to"),
+        (["--set", "fir.order=0..8", "--random", "2", "--seed", "-1"], "'-1' is no seed: give 0 or a positive integer"),
         (["--set", "fir.order=0,4", "--joint", "all"], "name one joint"),
         (["--set", "fir.order=0,4", "--workers", "2", "--scheduler", "tcp://h:1"], "give one of them"),
     ],

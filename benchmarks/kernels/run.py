@@ -6,6 +6,7 @@ Bodies that are compared run in turn, round by round; a ratio is the median of t
 that others use too slows both. Writes benchmarks/kernels/table.md and cost.png.
 """
 
+import argparse
 import importlib.util
 import resource
 import subprocess
@@ -361,7 +362,9 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    if "--million" in sys.argv:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--million", action="store_true", help="print the peak memory (MB) of a million samples alone")
+    if parser.parse_args().million:
         memory_of_a_million()
     else:
         main()

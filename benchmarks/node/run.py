@@ -5,6 +5,7 @@ python benchmarks/node/run.py [SCRIPT...]
 Some 25 minutes on a quiet machine; `python benchmarks/node/run.py latency` alone takes 5.
 """
 
+import argparse
 import subprocess
 import sys
 
@@ -14,7 +15,12 @@ SCRIPTS = ("start", "pairs", "latency", "curve", "joint_state", "endurance", "en
 
 
 def main() -> None:
-    for name in sys.argv[1:] or SCRIPTS:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", metavar="SCRIPT", help=f"these only, of: {', '.join(SCRIPTS)}")
+    given = parser.parse_args()
+    if unknown := set(given.names) - set(SCRIPTS):
+        parser.error(f"no script {', '.join(sorted(unknown))}: give some of {', '.join(SCRIPTS)}")
+    for name in given.names or SCRIPTS:
         subprocess.run([sys.executable, str(HERE / f"{name}.py")], check=True)
 
 

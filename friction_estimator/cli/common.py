@@ -70,6 +70,17 @@ def add_figures_option(parser: argparse.ArgumentParser, usual: Sequence[str] = F
     )
 
 
+def seed(text: str) -> int:
+    """Return the number of `--seed`; argparse.ArgumentTypeError where it is none or below zero."""
+    try:
+        number = int(text)
+    except ValueError:
+        number = -1
+    if number < 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is no seed: give 0 or a positive integer")
+    return number
+
+
 def _formats(text: str) -> tuple[str, ...]:
     formats = tuple(dict.fromkeys(text.split(",")))
     for name in formats:

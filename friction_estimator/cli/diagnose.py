@@ -43,7 +43,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
         "--out", metavar="DIR", help="write extended.yaml, figures/, report.html and summary.json into this folder"
     )
     common.add_figures_option(parser)
-    parser.add_argument("--seed", type=int, default=0, help="of folds and bootstrap (default 0)")
+    parser.add_argument("--seed", type=common.seed, default=0, help="of folds and bootstrap (default 0)")
     fleet = parser.add_argument_group("many recordings")
     fleet.add_argument(
         "--each",

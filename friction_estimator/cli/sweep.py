@@ -63,7 +63,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
         metavar="N",
         help=f"draw N configurations instead of taking all of the grid (all: at most {MOST_CONFIGURATIONS})",
     )
-    parser.add_argument("--seed", type=int, default=0, help="of --random (default: %(default)s)")
+    parser.add_argument("--seed", type=common.seed, default=0, help="of --random (default: %(default)s)")
     parser.add_argument(
         "--freeze-after",
         type=float,

@@ -306,14 +306,14 @@ class Candidates:
         error = float(np.std(gains, ddof=1)) * np.sqrt(gains.size)
         return bool(gains.sum() > student.ppf(0.975, gains.size - 1) * error)
 
-    def beyond_memory(self, model: Model, one: Candidate) -> bool:
-        """Return whether an effect is more than unlike memories of the base, which are lack of fit.
+    def beyond_memory(self, model: Model, one: Candidate, gain_N2: float) -> bool:
+        """Return whether an effect of this gain is more than unlike memories of the base, which are lack of fit.
 
         A time of the whole force is compared with the memory that there is.
         """
         if one.effect.delays or not model.joint.base.taps.size:
             return True
-        return self._beside(model, UnlikeMemories).is_less(one.model.joint.parts_N[-1], one.gain)
+        return self._beside(model, UnlikeMemories).is_less(one.model.joint.parts_N[-1], gain_N2)
 
     def beyond_forms(self, model: Model, one: Candidate, ample: bool) -> bool:
         """Return whether an effect is more than other forms of the causes in the model, one at least, would be.

@@ -58,6 +58,9 @@ SECOND_LEFT, ALIKE_LEFT = 0.2, 0.8
 """Or this share of what the causes before it have left above the noise floor: a first cause of great power, a trait of
 the rig, must not hide a second one."""
 
+PAIR = 0.95
+"""Of what a cause and the next one explain: what unlike memories, which make up for both, may explain at the most."""
+
 CLOSE = 0.6
 """Of the best gain: what a candidate of another family must bring to be compared with the best one cause ahead."""
 
@@ -287,7 +290,20 @@ class Searcher:
         if not (by_data or best.by_evidence) or not self._enough(model, best, causes):
             return False
         fits = self.fits
-        return not by_data or (fits.stands(model, best) and fits.known_sign(best) and fits.beyond_memory(model, best))
+        if not by_data:
+            return True
+        return fits.stands(model, best) and fits.known_sign(best) and self._beyond_memory(model, best)
+
+    def _beyond_memory(self, model: Model, best: Candidate) -> bool:
+        """Return whether a cause, or it with the one that would come after it, is more than unlike memories would be.
+
+        Where two causes are left the memories make up for both.
+        """
+        if self.fits.beyond_memory(model, best, best.gain):
+            return True
+        pairs = ((self.fits(best.model, name, p), needed) for name, p, needed in self._followers(best.model))
+        after = [one.gain for one, needed in pairs if one is not None and one.held_N2 > needed]
+        return bool(after) and self.fits.beyond_memory(model, best, PAIR * (best.gain + max(after)))
 
     def _enough(self, model: Model, best: Candidate, causes: list[Cause]) -> bool:
         """Return whether a cause brings enough beside the first one, or of what is left above the floor.
@@ -302,7 +318,8 @@ class Searcher:
         if best.effect.family in {self.catalogue[c.name].family for c in causes} and best.gain < ALIKE_LEFT * left:
             return False
         later_N2 = _later_N2(model)
-        least_N2 = later_N2 if best.effect.delays or self.lattice_N else FORMS_SHARE / LATER_SHARE * later_N2
+        plain = best.effect.delays or best.effect.acts == REVERSAL or self.lattice_N > 0.0
+        least_N2 = later_N2 if plain else FORMS_SHARE / LATER_SHARE * later_N2
         if best.gain < least_N2 and not best.by_evidence:
             return False
         return self.lattice_N > 0.0 or self.fits.beyond_forms(model, best, ample=best.held_N2 >= later_N2)
