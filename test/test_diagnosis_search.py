@@ -9,9 +9,9 @@ from diagnosis_records import names, record
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import Capacity
 from friction_estimator.diagnosis.capacity import in_words
+from friction_estimator.diagnosis.causes import Cause
 from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.diagnosis.record import build_record
-from friction_estimator.diagnosis.search import Cause
 from friction_estimator.effects import EFFECTS
 from friction_estimator.rig.drive import segment
 

@@ -8,6 +8,7 @@ import numpy as np
 from friction_estimator.core.sample import Floats, Samples, joined
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import ALARM, BaseProblem
+from friction_estimator.diagnosis.causes import Cause, Search
 from friction_estimator.diagnosis.excitation import Excitation, assess
 from friction_estimator.diagnosis.floor import noise_floor
 from friction_estimator.diagnosis.held_out import gain_between, held_out_errors, rms
@@ -25,7 +26,7 @@ from friction_estimator.diagnosis.result import (
     Found,
     Trace,
 )
-from friction_estimator.diagnosis.search import Cause, Search, Searcher
+from friction_estimator.diagnosis.search import Searcher
 from friction_estimator.diagnosis.theory import with_theory
 from friction_estimator.diagnosis.trials import Trials
 from friction_estimator.diagnosis.words import next_experiment

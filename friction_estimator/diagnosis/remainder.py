@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from friction_estimator.core.sample import Floats, Ints
+from friction_estimator.diagnosis.causes import LATER_SHARE, Search
 from friction_estimator.diagnosis.evidence import Rule, null_maximum
 from friction_estimator.diagnosis.floor import Scatter, noise_memory, remainder_columns, variance_dependence
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.screening import FLIPS, LEVEL
-from friction_estimator.diagnosis.search import LATER_SHARE, Search
 from friction_estimator.effects.base import EFFECTS
 from friction_estimator.effects.burst import COHERENT, differences, incoherent_share
 from friction_estimator.effects.detection import DataView, Fault
@@ -20,7 +20,7 @@ from friction_estimator.effects.spectrum import spectral_lines
 
 LEAST_SHARE = 0.003
 """Share of the error power, noise included, that one variable must explain where no cause is named; beside causes it is
-`search.LATER_SHARE`."""
+`causes.LATER_SHARE`."""
 
 FAR = 4.8
 """Local standard deviations that count as far outside; white Gaussian noise has one in 600,000."""

@@ -1,7 +1,7 @@
 """The search for causes: screen, gate, compare by joint refit, look one cause ahead where two come close."""
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import BaseProblem, Capacity
@@ -18,10 +18,9 @@ from friction_estimator.diagnosis.candidates import (
     within_errors,
 )
 from friction_estimator.diagnosis.capacity import in_words, wider
-from friction_estimator.diagnosis.evidence import Evidence
+from friction_estimator.diagnosis.causes import LATER_SHARE, LEAST_SHARE, Cause, Search
 from friction_estimator.diagnosis.excitation import pressure_order
 from friction_estimator.diagnosis.floor import noise_floor
-from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.library import build_library
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.rivals import alike, closest
@@ -30,14 +29,6 @@ from friction_estimator.effects.base import REVERSAL, SLOW, Effect
 from friction_estimator.effects.features import Context
 
 Catalogue = Mapping[str, type[Effect]]
-
-LEAST_SHARE = 0.002
-"""Share of the error power that a cause must bring, whatever its significance."""
-
-LATER_SHARE = 0.015
-"""The same of a further cause that is held against nothing else, and beside causes of a remainder. What the form of an
-earlier cause, or the base's curve, leaves is no noise: in a record of 25,000 samples it passes every test, and what
-repeats with the drive looks like it (decision 0133)."""
 
 CANDIDATES = 6
 """Effects that are compared by joint refit."""
@@ -77,62 +68,6 @@ MOST_ALIKE = 3
 
 SET_ERRORS, SET_SHARE = 2.0, 0.03
 """Standard errors, and share of the effect, within which the angles call two effects alike."""
-
-
-@dataclass(frozen=True)
-class Cause:
-    """A named cause.
-
-    Attributes
-    ----------
-    name : effect id. p_value : family-wise, None where evidence alone names it.
-    gain : held-out decrease of the error power with what the prior of the memory saves, summed, N^2.
-    rivals : effects that explain the data as well, best first.
-    behind_N2 : of others that come close, by how much less they explain, N^2.
-    apart : quantity -> by how much it differs in other forms of the cause that explain nearly as much.
-    """
-
-    name: str
-    p_value: float | None
-    gain: float
-    rivals: tuple[str, ...]
-    behind_N2: Mapping[str, float] = field(default_factory=dict)
-    apart: Mapping[str, float] = field(default_factory=dict)
-
-    def within(self, left_N2: float) -> "Cause":
-        """Return the cause with those as rivals, too, that are behind by less than what no cause explains.
-
-        A model that misses that much says nothing of a smaller difference between two of them.
-        """
-        close = [name for name, behind in self.behind_N2.items() if behind < left_N2]
-        return replace(self, rivals=tuple(dict.fromkeys([*self.rivals, *close])))
-
-
-@dataclass(frozen=True)
-class Search:
-    """What a search found.
-
-    Attributes
-    ----------
-    problem : the base model on the record. causes : in the order in which they were taken up.
-    models : base alone, then with each cause added.
-    gates : by effect, the gain that neither chance nor rounding makes, N^2.
-    warnings : in words. asked : effects that would have won but need a channel.
-    """
-
-    problem: BaseProblem
-    causes: tuple[Cause, ...]
-    models: tuple[Joint, ...]
-    gates: Mapping[str, float]
-    warnings: tuple[str, ...]
-    asked: tuple[str, ...]
-    last_evidence: Evidence
-    screened: tuple[Screened, ...]
-
-    @property
-    def least_N2(self) -> float:
-        """Gain below which what passes the test is a trace, N^2."""
-        return (LATER_SHARE if self.causes else LEAST_SHARE) * float(self.last_evidence.ee.sum())
 
 
 Progress = Callable[[str, float], None]

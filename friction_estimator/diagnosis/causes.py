@@ -1,0 +1,73 @@
+"""What a search for causes found: the causes in their order, and the models with them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from friction_estimator.diagnosis.base_problem import BaseProblem
+from friction_estimator.diagnosis.evidence import Evidence
+from friction_estimator.diagnosis.joint import Joint
+from friction_estimator.diagnosis.screening import Screened
+
+LEAST_SHARE = 0.002
+"""Share of the error power that a cause must bring, whatever its significance."""
+
+LATER_SHARE = 0.015
+"""The same of a further cause that is held against nothing else, and beside causes of a remainder. What the form of an
+earlier cause, or the base's curve, leaves is no noise: in a record of 25,000 samples it passes every test, and what
+repeats with the drive looks like it (decision 0133)."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A named cause.
+
+    Attributes
+    ----------
+    name : effect id. p_value : family-wise, None where evidence alone names it.
+    gain : held-out decrease of the error power with what the prior of the memory saves, summed, N^2.
+    rivals : effects that explain the data as well, best first.
+    behind_N2 : of others that come close, by how much less they explain, N^2.
+    apart : quantity -> by how much it differs in other forms of the cause that explain nearly as much.
+    """
+
+    name: str
+    p_value: float | None
+    gain: float
+    rivals: tuple[str, ...]
+    behind_N2: Mapping[str, float] = field(default_factory=dict)
+    apart: Mapping[str, float] = field(default_factory=dict)
+
+    def within(self, left_N2: float) -> "Cause":
+        """Return the cause with those as rivals, too, that are behind by less than what no cause explains.
+
+        A model that misses that much says nothing of a smaller difference between two of them.
+        """
+        close = [name for name, behind in self.behind_N2.items() if behind < left_N2]
+        return replace(self, rivals=tuple(dict.fromkeys([*self.rivals, *close])))
+
+
+@dataclass(frozen=True)
+class Search:
+    """What a search found.
+
+    Attributes
+    ----------
+    problem : the base model on the record. causes : in the order in which they were taken up.
+    models : base alone, then with each cause added.
+    gates : by effect, the gain that neither chance nor rounding makes, N^2.
+    warnings : in words. asked : effects that would have won but need a channel.
+    """
+
+    problem: BaseProblem
+    causes: tuple[Cause, ...]
+    models: tuple[Joint, ...]
+    gates: Mapping[str, float]
+    warnings: tuple[str, ...]
+    asked: tuple[str, ...]
+    last_evidence: Evidence
+    screened: tuple[Screened, ...]
+
+    @property
+    def least_N2(self) -> float:
+        """Gain below which what passes the test is a trace, N^2."""
+        return (LATER_SHARE if self.causes else LEAST_SHARE) * float(self.last_evidence.ee.sum())
