@@ -245,7 +245,8 @@ Microseconds a pair. Opening a file is part of both ways; rosbags counts the mes
 
 Samples a second by the clock, and the share of the bare loop's speed by processor time and by the clock, without the
 start of the program (that of bags/demo), and by the clock with it. `replay` reads, and says what does not depend on the
-prediction, in a thread beside the one that learns.
+prediction, in a thread beside the one that learns. It writes nothing here: with `--out` it holds what it writes,
+1.05 GB for 3,000,000 samples and 0.5 GB for 1,000,000 (commit 079911b).
 
 {table(LONG, long)}
 
