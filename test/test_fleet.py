@@ -209,6 +209,7 @@ def test_rows_are_taken_over_and_one_process_says_the_same(fleet, diagnosed, cap
     [
         (["--each"], "--each needs --out"),
         (["--each", "--out", "o", "--units", "mm"], "--units is not for --each"),
+        (["--each", "--out", "o", "--figures", "svg"], "--figures is not for --each"),
         (["--each", "--out", "o", "--joint", "all"], "name one joint"),
         (["--rig", "x"], "--rig goes with --each"),
         (["--workers", "2"], "--workers goes with --each"),

@@ -40,6 +40,8 @@ def run(args: argparse.Namespace) -> int:
         raise InputError("--each needs --out DIR, where it also keeps what is computed if it is interrupted")
     if args.units:
         raise InputError("--units is not for --each: its table is in SI units")
+    if args.figures != common.FIGURE_FORMATS[:1]:
+        raise InputError("--figures is not for --each: it draws none; diagnose a recording alone")
     with common.Output(args.json, args.out, LAYOUT.refusal, common.paths_read(args), resumes=True) as output:
         return _run(args, output)
 
