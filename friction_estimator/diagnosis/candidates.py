@@ -190,6 +190,7 @@ class Candidates:
         model, after : without and with that cause. left_N2 : what no cause explains so far, by which others may be
             behind.
         """
+        self.keep(model)
         last = after.joint.terms[-1]
         gain = sum(gain_parts(model, after))
         self._settled[id(model), last.name] = [

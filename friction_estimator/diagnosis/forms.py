@@ -13,6 +13,7 @@ from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.library import columns_of
 from friction_estimator.diagnosis.own_columns import Term
+from friction_estimator.effects.compose import rms
 from friction_estimator.effects.shapes import HATS, hats
 
 SHARE = 0.3
@@ -36,11 +37,13 @@ class OtherForms:
     Attributes
     ----------
     model : with a cause at least. place : (n, 2), pressure and position about their means, over their deviations.
+    sizes_N : rms of the force of each cause, N.
     others : (n, c) of each cause, its force at other lengths and times and in its variants.
     """
 
     model: Joint
     place: Floats
+    sizes_N: tuple[float, ...]
     others: tuple[Floats, ...]
 
     @classmethod
@@ -49,7 +52,7 @@ class OtherForms:
         f = model.features
         place = np.column_stack([(x - x.mean()) / (float(np.std(x)) or 1.0) for x in (f.pressure_Pa, f.position_m)])
         others = tuple(_others(model, term, part) for term, part in zip(model.terms, model.parts_N, strict=True))
-        return cls(model, place, others)
+        return cls(model, place, tuple(rms(part) or 1.0 for part in model.parts_N), others)
 
     @property
     def width(self) -> int:
@@ -69,8 +72,8 @@ class OtherForms:
         faster = np.sign(f.acceleration_m_s2 * f.direction)
         on = np.column_stack([hats(f.velocity_m_s, model.reference), self.place[part], faster])
         made = []
-        for term, force in zip(model.terms, model.parts_N, strict=True):
-            own = [np.abs(force[part]) / (float(np.sqrt(np.mean(np.square(force)))) or 1.0)]
+        for term, force, size in zip(model.terms, model.parts_N, self.sizes_N, strict=True):
+            own = [np.abs(force[part]) / size]
             own += [f.direction] if term.effect.turns else []
             made.append(SHARE * force[part, None] * np.column_stack([on, *own]))
         return np.concatenate([model.tangent[part], *made, *(o[part] for o in self.others)], axis=1)
@@ -86,7 +89,6 @@ def _others(model: Joint, term: Term, force_N: Floats) -> Floats:
     nothing = np.zeros((force_N.size, 0))
     if term.effect.delays or term.effect.in_theory:
         return nothing
-    size = float(np.sqrt(np.mean(np.square(force_N))))
     moved = [n for n in term.effect.refined if n not in (*term.effect.shares, *term.effect.steps) and term.params[n]]
     shapes = [term.params | {n: s * term.params[n]} for n in moved for s in SCALES]
     shapes += [dict(v) for v in term.effect.variants(term.params) if term.effect.columns(v).size <= FEW]
@@ -94,5 +96,5 @@ def _others(model: Joint, term: Term, force_N: Floats) -> Floats:
     if not made:
         return nothing
     columns = np.concatenate(made, axis=1)
-    rms = np.sqrt(np.mean(np.square(columns), axis=0))
-    return np.asarray(columns[:, rms > 0.0] * (SHARE * size / rms[rms > 0.0]))
+    sizes = np.sqrt(np.mean(np.square(columns), axis=0))
+    return np.asarray(columns[:, sizes > 0.0] * (SHARE * rms(force_N) / sizes[sizes > 0.0]))

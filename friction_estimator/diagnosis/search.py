@@ -141,7 +141,6 @@ class Searcher:
             p_value = view.p_value(best.effect, best.held_N2) if by_data else None
             causes.append(Cause(best.name, p_value, best.gain, rivals, behind))
             models.append(best.model)
-            self.fits.keep(model)
             self.fits.settle(model, best.model, self._left(best.model))
             self._forget(best.model)
             refused.clear()
@@ -252,12 +251,10 @@ class Searcher:
             return False
         if best.effect.family in {self.catalogue[c.name].family for c in causes} and best.gain < ALIKE_LEFT * left:
             return False
-        later_N2 = _later_N2(model)
-        plain = best.effect.delays or best.effect.acts == REVERSAL or self.lattice_N > 0.0
-        least_N2 = later_N2 if plain else FORMS_SHARE / LATER_SHARE * later_N2
-        if best.gain < least_N2 and not best.by_evidence:
+        later = best.effect.delays or best.effect.acts == REVERSAL or self.lattice_N > 0.0
+        if best.gain < (LATER_SHARE if later else FORMS_SHARE) * float(model.loss.sum()) and not best.by_evidence:
             return False
-        return self.lattice_N > 0.0 or self.fits.beyond_forms(model, best, ample=best.held_N2 >= later_N2)
+        return self.lattice_N > 0.0 or self.fits.beyond_forms(model, best, ample=best.held_N2 >= _later_N2(model))
 
     def _apart(self, best: Candidate, weak: list[Candidate]) -> bool:
         """Return whether a cause brings its share beside the better ones that may be another form of an earlier cause.

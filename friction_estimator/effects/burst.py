@@ -12,6 +12,7 @@ import scipy  # its parts are loaded where they are first used: 0.1 s of a start
 
 from friction_estimator.core.sample import Bools, Floats, Ints
 from friction_estimator.effects.detection import DataView
+from friction_estimator.effects.scatter import MAD
 
 LEFT_OUT = 2.5
 """Sample periods after a reversal that are left out."""
@@ -27,9 +28,6 @@ WILD = 30.0
 
 MEDIAN_POWER = 0.4549
 """Median over mean of the square of a Gaussian."""
-
-MEDIAN_DEVIATION = 0.6745
-"""Median of the absolute value over the deviation of a Gaussian."""
 
 STAMPS_NOISE = 0.5
 """Of the noise: what the scatter of the stamps may make of the force's change for a pair to be compared."""
@@ -103,7 +101,7 @@ def _told_apart(view: DataView, difference: Floats, first: Ints, second: Ints) -
     """
     force, step, last = view.force_N, view.context.step_s, view.force_N.size - 1
     off = np.abs(np.diff(view.features.time_s) - step)
-    scatter_s = float(np.median(off)) / (MEDIAN_DEVIATION * np.sqrt(2.0))
+    scatter_s = MAD * float(np.median(off)) / np.sqrt(2.0)
     noise = float(np.sqrt(np.median(np.square(difference)) / (2.0 * MEDIAN_POWER)))
     rise = sum(force[np.minimum(k + 1, last)] - force[np.maximum(k - 1, 0)] for k in (first, second)) / (4.0 * step)
     return np.asarray(np.abs(rise) * scatter_s <= STAMPS_NOISE * noise)
