@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from synthetic import MODELS, RATE, config_for, known_system, noisy, samples_of, sine
 
@@ -64,14 +64,14 @@ def test_derivatives_agree_with_differences(model_type):
 @pytest.mark.parametrize("model_type", MODELS)
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 10**6), effective=st.sampled_from([1.0, 30.0, 3000.0, 1e6]))
+@example(seed=45, effective=1e6)  # rounding hides the lower cost of the last step
 def test_the_minimum_is_stationary_and_never_above_its_start(model_type, seed, effective):
     posterior = posterior_of(model_type, record(model_type, swept(600)), effective)
     taps = drawn(posterior.prior, seed)[: posterior.moments.taps]
     theta = posterior.minimum(taps)
     assert posterior.cost(theta) <= posterior.cost(posterior.eliminate(taps)) * (1.0 + 1e-12)
     slope = posterior.prior.root.T @ posterior.gradient(theta)
-    # The cost grows with the number of samples, and with it what rounding leaves of its slope.
-    assert np.abs(slope).max() < 1e-3 * max(1.0, effective / 3e4)
+    assert np.abs(slope).max() < 1e-3
 
 
 @pytest.mark.parametrize("model_type", MODELS)

@@ -15,6 +15,7 @@ For fixed FIR taps the rest is linear and is eliminated (variable projection, Go
 taps is minimised by a trust-region Newton method with its exact Hessian, which never accepts a step that is worse.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -154,12 +155,28 @@ class Posterior:
             return np.asarray(root.T @ (0.5 * (reduced + reduced.T)) @ root)
 
         answer = minimize(cost, np.zeros(q), jac=gradient, hess=hessian, method="trust-exact", options=NEWTON)
-        return theta_at(np.asarray(answer.x, np.float64))
+        return theta_at(_without_slope(np.asarray(answer.x, np.float64), gradient, hessian))
 
     def degrees_of_freedom(self, theta: Floats) -> float:
         """Return tr(n / rho E[x x'] P): the number of parameters that the record, and not the prior, determines."""
         from_data = self.weight * self.moments.gauss_newton(theta, ridge=False)
         return float(np.sum(from_data * self._inverse(theta)))
+
+
+def _without_slope(z: Floats, gradient: Callable[[Floats], Floats], hessian: Callable[[Floats], Floats]) -> Floats:
+    """Return z, or where Newton's step from it ends if the slope is less there.
+
+    Near the minimum a step changes the cost by less than rounding does, so a trust region that compares costs refuses
+    it: of a million samples it left a slope of 0.035, and this step 5e-7.
+    """
+    slope = gradient(z)
+    if np.linalg.norm(slope) < NEWTON["gtol"]:
+        return z
+    try:
+        stepped = z - cho_solve(cho_factor(hessian(z)), slope)
+    except np.linalg.LinAlgError:  # no minimum near: the trust region has run out of its iterations
+        return z
+    return stepped if np.linalg.norm(gradient(stepped)) < np.linalg.norm(slope) else z
 
 
 def settle(moments: Moments, prior: Prior, least_leverage: float, taps: Floats) -> tuple[Posterior, Floats]:
