@@ -1,0 +1,88 @@
+"""What the hidden change itself would explain in each record of a study, beside the base and the plant's own traits.
+
+    python benchmarks/diagnosis/seen.py LINES.jsonl... [--row "abba 1 %"] [--missed]
+
+The diagnosis is let name the traits of the plant alone. Then the very change that the hidden effect made of the force,
+which is no regressor of ours, is fitted beside the tangent of what was found, as one column of free size, and judged on
+held-out blocks. Where that is next to nothing, base and traits have taken the change up, and a method that gives them
+this freedom cannot see it. Three shares are printed, in percent:
+
+- `explains`: of the error power, what the change explains so. A cause needs 0.2 (`causes.LEAST_SHARE`).
+- `beside`: of that, what is left of it beside other forms of the traits (decision 0168).
+- `forms`: of that, what those other forms explain without it.
+"""
+
+import argparse
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from judge import Line, scored
+from study import make_case
+
+from friction_estimator.core.sample import Floats
+from friction_estimator.diagnosis.evidence import Rule
+from friction_estimator.diagnosis.forms import OtherForms
+from friction_estimator.diagnosis.joint import Joint, cross_validated_loss
+from friction_estimator.diagnosis.lack_of_fit import LackOfFit
+from friction_estimator.diagnosis.record import Record, build_record
+from friction_estimator.diagnosis.search import Searcher
+from friction_estimator.diagnosis.theory import with_theory
+from friction_estimator.effects import EFFECTS
+from friction_estimator.rig.plant import PLANTS
+
+SEED = 0
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("lines", type=Path, nargs="+")
+    parser.add_argument("--row", action="append", help="this row only; may be repeated")
+    parser.add_argument("--missed", action="store_true", help="only records whose truth is not the first name")
+    given = parser.parse_args()
+    print("row | hidden | plant | drive | named first | explains, % | beside, % | forms, %")
+    for line in _lines(given.lines):
+        score = scored(line)
+        if (given.row and line["row"] not in given.row) or (given.missed and score.named):
+            continue
+        words = [line["row"], line["truth"][0], line["plant"], line["drive"], "yes" if score.named else "no"]
+        print(" | ".join(words + [f"{value:.2f}" for value in seen(line)]), flush=True)
+
+
+def _lines(paths: list[Path]) -> Iterator[Line]:
+    """Yield the records that hide one effect of the catalogue."""
+    for path in paths:
+        for text in path.read_text(encoding="utf-8").splitlines():
+            line = json.loads(text)
+            if "verdict" in line and len(line["truth"]) == 1 and not line["out"]:
+                yield line
+
+
+def seen(case: dict[str, Any]) -> tuple[float, float, float]:
+    """Return the three shares of one record, %."""
+    made = make_case(case)
+    config = with_theory(made.config, made.samples)
+    record = build_record([made.samples], config)
+    context = record.context(config, float(np.abs(record.friction_N).max()))
+    traits = {name: EFFECTS[name] for name in PLANTS[case["plant"]].traits}
+    found = Searcher(record, config, context, traits, SEED)(lambda _stage, _part: None)
+    model, change = found.models[-1], made.changes_N[0]
+    loss = float(cross_validated_loss(model, record, SEED).sum())
+    gain = _explained(model, change, record)
+    share = 100.0 * gain / loss
+    if not model.terms or gain <= 0.0:
+        return share, 100.0, 0.0
+    other = LackOfFit(OtherForms.of(model), model, loss, record, SEED)
+    return share, 100.0 * other.beside(change) / gain, 100.0 * other.alone_N2 / gain
+
+
+def _explained(model: Joint, change_N: Floats, record: Record) -> float:
+    """Return the held-out decrease of the error power by a force (n,) of free size beside a model, N^2."""
+    evidence = model.evidence(record, SEED)
+    return float(evidence.cross_validated(evidence.moments(change_N[:, None]), Rule((0,))).sum())
+
+
+if __name__ == "__main__":
+    main()
