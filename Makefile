@@ -48,13 +48,12 @@ picture: $(VENV)/.installed
 	$(BIN)/friction_estimator replay bags/demo --out build/picture
 	cp build/picture/figures/friction_map.png docs/images/friction_map.png
 
-# Speed beside C, numpy, padasip, rosbags, other ROS nodes and on two processes, and memory; an hour, with nothing beside it.
+# Speed and memory on one page, benchmarks/README.md; an hour, with nothing beside it. Some of it: make bench PARTS="kernels node"
+# Without a network the peers are not installed: their rows are left out.
+PARTS ?=
 bench: $(VENV)/.installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r benchmarks/kernels/requirements.txt
-	$(BIN)/python benchmarks/kernels/run.py
-	$(BIN)/python benchmarks/reading/run.py
-	$(BIN)/python benchmarks/many/run.py
-	$(BIN)/python benchmarks/node/run.py
+	-$(BIN)/python -m pip install --quiet --disable-pip-version-check -r benchmarks/requirements.txt
+	$(BIN)/python benchmarks/bench.py $(PARTS)
 
 # Pages of figures that are older than the rooms they measure.
 stale:

@@ -9,7 +9,7 @@ def line(command: str) -> str:
     here = Path(__file__).parent
     commit = _git("rev-parse", "--short", "HEAD", cwd=here).strip()
     # What benchmarks write changes nothing that they measure.
-    pages = [":(exclude,top)benchmarks/*.md", ":(exclude,top)benchmarks/*.png"]
+    pages = [f":(exclude,top)benchmarks/*.{kind}" for kind in ("md", "png", "json")]
     changed = _git("status", "--porcelain", "--untracked-files=no", "--", ":/", *pages, cwd=here).strip()
     return f"Commit {commit}{' with changes' if changed else ''}, `{command}`.\n"
 

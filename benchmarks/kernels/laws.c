@@ -1,5 +1,5 @@
 /* The laws lms, nlms and rls of a Hammerstein or parallel model, as a C programmer would write them: what the compiled
- * sample loops are measured against (run.py compiles it with cc -O3 -march=native -ffast-math).
+ * sample loops are measured against (in_c.py compiles it with cc -O3 -march=native -ffast-math).
  *
  * A sample is: the row of Psi into the ring, regressor and prediction (regress), the law's step. That is the law alone;
  * nlms and rls wait until the delay lines hold measured samples and shorten outliers (Huber), rls counts samples for

@@ -1,99 +1,114 @@
-"""What a second process is worth to `sweep` and `diagnose --each`, and whether it changes a bit.
+"""What a second process is worth to `sweep` and `diagnose --each`, and a Dask cluster, and whether it changes a bit.
 
-    python benchmarks/many/run.py
-
-64 configurations over three recordings of 60 s at 1 kHz, and a fleet of 16 recordings: each with one process and with
-two in turn, `ROUNDS` times; the ratio is the median of those of the rounds. Run it with nothing beside it. Writes
-README.md beside this file.
+A part of `python benchmarks/bench.py`: 64 configurations over three recordings of 60 s at 1 kHz, and a fleet of 16
+recordings of 64 s at 100 Hz, of which fewer are diagnosed, too. All take turns. The cluster is a scheduler and two
+workers of one thread, each a process of its own, which are there before.
 """
 
-import argparse
-import resource
+import os
 import subprocess
 import sys
-import time
+from collections.abc import Callable
 from pathlib import Path
-from statistics import median
 from tempfile import TemporaryDirectory
+from typing import Any
 
-from friction_estimator.output.target import write_text
+from measure import PROGRAM, ROOT, Cost, child, columns, in_turn, part
 
-sys.path.append(str(Path(__file__).resolve().parents[1]))
-import as_users
-import provenance
+sys.path.append(str(ROOT / "test"))
+from dask_cluster import cluster
 
-HERE = Path(__file__).parent
-PROGRAM = [sys.executable, "-m", "friction_estimator"]
-
-GRID = (
-    *("--set", "fir.order=0,4,8,16"),
-    *("--set", "prior.tap_deviation=0.05,0.1,0.2,0.4"),
-    *("--set", "prior.weight_slope=1,1.5,2,2.5"),
-)
-RECORDINGS = [
-    ["--schedule", "5:50:60", "--rate", "1000", "--plant", plant] for plant in ("rig", "tabulated", "film_lag")
-]
+GRID = {
+    "fir.order": "0,4,8,16",
+    "prior.tap_deviation": "0.05,0.1,0.2,0.4",
+    "prior.weight_slope": "1,1.5,2,2.5",
+}
+PLANTS = ("rig", "tabulated", "film_lag")
 FLEET_DRIVE = ("--schedule", "1:50:12,5:200:20,5:50:20,1:200:12", "--rate", "100", "--plant", "clean")
-FLEET = [[*FLEET_DRIVE, "--seed", str(k), "--effect", f"inertia:mass={0.05 + 0.01 * k:g}"] for k in range(16)]
-BOUND = 1.8
+FLEET_S = 64
+DASK_WORKERS = 2
+WORKERS = [count for count in (1, 2, 4, 8) if count <= max(2, os.cpu_count() or 1)]
 
 
 def simulated(folder: Path, wanted: list[list[str]]) -> list[str]:
     """Simulate recordings; return their paths."""
+    folder.mkdir()
     paths = [str(folder / f"recording{k:02d}") for k in range(len(wanted))]
     for path, words in zip(paths, wanted, strict=True):
         subprocess.run([*PROGRAM, "simulate", *words, "--out", path], check=True, stdout=subprocess.DEVNULL)
     return paths
 
 
-def timed(words: list[str], workers: int, out: Path) -> tuple[float, float]:
-    """Run a verb; return wall-clock and processor time, s."""
-    before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    command = [*PROGRAM, *words, "--workers", str(workers), "--out", str(out)]
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    wall, after = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)
-    return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+class Verb:
+    """A verb whose rows are to be the same wherever they are computed."""
+
+    def __init__(self, words: list[str], folder: Path) -> None:
+        self._words, self._folder = words, folder
+        self._rows: set[bytes] = set()
+
+    def on(self, *where: str) -> Callable[[], Cost]:
+        """Return a measurement of the verb with the words that say where it is computed."""
+
+        def measurement() -> Cost:
+            with TemporaryDirectory(dir=self._folder) as scratch:
+                out = Path(scratch) / "out"
+                cost = child([*PROGRAM, *self._words, *where, "--out", str(out)])
+                self._rows.add((out / "rows.jsonl").read_bytes())
+            return cost
+
+        return measurement
+
+    @property
+    def equal(self) -> bool:
+        """Whether all rows so far were the same to the bit."""
+        return len(self._rows) == 1
 
 
-def measured(what: str, words: list[str], folder: Path, rounds: int) -> list[str]:
-    """Return a row of the page."""
-    times: dict[int, list[tuple[float, float]]] = {1: [], 2: []}
-    same = True
-    for number in range(rounds):
-        outs = {workers: folder / f"{words[0]}_{number}_{workers}" / "out" for workers in times}
-        for workers, out in outs.items():
-            out.parent.mkdir()
-            times[workers].append(timed(words, workers, out))
-        rows = [(out / "rows.jsonl").read_bytes() for out in outs.values()]
-        same &= rows[0] == rows[1]
-    (one, one_cpu), (two, two_cpu) = (map(median, zip(*times[workers], strict=True)) for workers in (1, 2))
-    ratio = median(a[0] / b[0] for a, b in zip(times[1], times[2], strict=True))
-    figures = f"{one:.1f} ({one_cpu:.1f})", f"{two:.1f} ({two_cpu:.1f})", f"{ratio:.2f}", f"{BOUND}"
-    return [what, *figures, "equal" if same else "**they differ**"]
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=3)
-    rounds = parser.parse_args().rounds
-    as_users.prepare()
+def measured(rounds: int, seconds: int, settings: int, fleet: int) -> dict[str, Any]:
     with TemporaryDirectory() as scratch:
         folder = Path(scratch)
-        (folder / "long").mkdir()
-        (folder / "fleet").mkdir()
-        long, fleet = simulated(folder / "long", RECORDINGS), simulated(folder / "fleet", FLEET)
-        head = ["what", "one process, s (CPU)", "two, s (CPU)", "ratio", "at least", "rows"]
-        rows = [
-            head,
-            ["---"] * len(head),
-            measured("sweep: 64 settings, 3 recordings of 60 s at 1 kHz", ["sweep", *long, *GRID], folder, rounds),
-            measured("diagnose --each: 16 of 64 s at 100 Hz", ["diagnose", *fleet, "--each"], folder, rounds),
-        ]
-    page = "\n".join("| " + " | ".join(row) + " |" for row in rows)
-    command = f"python benchmarks/many/run.py --rounds {rounds}"
-    write_text(HERE / "README.md", f"# Many recordings on two processes\n\n{provenance.line(command)}\n{page}\n")
-    print(page)
+        plants = [["--schedule", f"5:50:{seconds}", "--rate", "1000", "--plant", plant] for plant in PLANTS]
+        effects = [["--seed", str(k), "--effect", f"inertia:mass={0.05 + 0.01 * k:g}"] for k in range(fleet)]
+        long = simulated(folder / "long", plants)
+        short = simulated(folder / "fleet", [[*FLEET_DRIVE, *effect] for effect in effects])
+        grid = [f"{name}={','.join(values.split(',')[:settings])}" for name, values in GRID.items()]
+        sets = [word for value in grid for word in ("--set", value)]
+        verbs = {
+            "sweep": Verb(["sweep", *long, *sets], folder),
+            "diagnose --each": Verb(["diagnose", *short, "--each"], folder),
+        }
+        counts = [fleet >> k for k in (3, 2, 1) if fleet >> k > 0]
+        (folder / "dask").mkdir()
+        with cluster(folder / "dask", DASK_WORKERS) as (address, _):
+            Verb(["diagnose", *short[:DASK_WORKERS], "--each"], folder).on("--scheduler", address)()  # fills the caches
+            measurements = {}
+            for name, verb in verbs.items():
+                measurements |= {(name, workers): verb.on("--workers", str(workers)) for workers in WORKERS}
+                measurements[name, "dask"] = verb.on("--scheduler", address)
+            for count in counts:
+                part_of = Verb(["diagnose", *short[:count], "--each"], folder)
+                measurements["recordings", count] = part_of.on("--workers", "1")
+            found = {key: columns(costs) for key, costs in in_turn(measurements, rounds, unkept=0).items()}
+    whole = found["diagnose --each", 1]
+    about = {
+        "sweep": f"{settings**3} configurations, {len(PLANTS)} recordings of {seconds} s at 1 kHz",
+        "diagnose --each": f"{fleet} recordings of {FLEET_S} s at 100 Hz",
+    }
+    return {
+        "dask_workers": DASK_WORKERS,
+        "verbs": {
+            name: {
+                "what": about[name],
+                "equal": verb.equal,
+                "workers": WORKERS,
+                "processes": [found[name, workers] for workers in WORKERS],
+                "dask": found[name, "dask"],
+            }
+            for name, verb in verbs.items()
+        },
+        "recordings": {"size": [*counts, fleet], "costs": [*(found["recordings", count] for count in counts), whole]},
+    }
 
 
 if __name__ == "__main__":
-    main()
+    part(measured, __doc__, rounds=2, seconds=60, settings=4, fleet=16)

@@ -1,4 +1,4 @@
-"""What the node benchmarks share: the table they write, the load they put on a node."""
+"""What the node benchmarks share: the load they put on a node, and the table of those that are not of speed."""
 
 import contextlib
 import sys
@@ -21,7 +21,7 @@ as_users.prepare()
 
 PREDICTED = "/friction_estimator/friction_predicted"
 TABLE = HERE / "table.md"
-SECTIONS = ("Executors", "Start", "Pairs", "Latency", "Curve", "JointState", "Joints", "Endurance", "Endings", "Faults")
+SECTIONS = ("Curve", "JointState", "Joints", "Endurance", "Endings", "Faults")
 
 
 def write_section(title: str, text: str) -> None:

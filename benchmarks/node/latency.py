@@ -1,6 +1,6 @@
 """Round trips at 1 kHz: the node with and without everything periodic, beside a typed echo node, in one run.
 
-python latency.py [--rounds 8] [--round-seconds 6] [--rate 1000] [--pairs periodic|refits] [--before COMMIT]
+A part of `python benchmarks/bench.py`. Alone, beside the node of a former commit: python latency.py --before COMMIT
 
 "Everything periodic": a save every second, listeners of diagnostics, curve and parameters, and a parameter that is set
 every second. "Refits": a drive that runs up by a tenth a second, so that the range of the curve has to grow, and the
@@ -12,7 +12,6 @@ those that are not near a refit. With --before the node of that commit is measur
 since then.
 """
 
-import argparse
 import shutil
 import statistics
 import subprocess
@@ -24,13 +23,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import HERE, Load, rows, write_section
+from common import HERE, Load
+from measure import part
 from ros_graph import RELIABLE, UNITS, Graph, Process, graph, motion
 
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.settings.config import Config
 
-KEYS = ("cpu_us", "p50_us", "p99_us", "max_us")
+ECHO = "echo, typed"
+KEYS = ("cpu_us", "p50_us", "p99_us", "max_us", "sent", "received")
 
 PAIRS = {"periodic": "quiet", "refits": "no refits"}
 """What is measured, and what without it."""
@@ -123,18 +124,19 @@ def checked_out(commit: str) -> Path:
     return folder
 
 
-def measured(
-    made: Graph, load: Load, args: argparse.Namespace, before: Path | None, turn: int, kinds: tuple[str, str]
+def loaded(
+    made: Graph, load: Load, drive_of: tuple[float, float], before: Path | None, turn: int, kinds: tuple[str, str]
 ) -> dict[str, dict]:
-    """Return the figures of one node process without and with something."""
+    """Return the figures of one node process without and with something, at a rate (Hz) for a time (s) each."""
+    rate, round_seconds = drive_of
     process = start(made, before, own_range="refits" in kinds)
     found = {}
     for kind in kinds if turn % 2 == 0 else kinds[::-1]:
         # A stamp later than all before: one node sees both.
-        offset = round((1 + len(found)) * (args.round_seconds + 10.0) * 1e9)
+        offset = round((1 + len(found)) * (round_seconds + 10.0) * 1e9)
         drive = faster_and_faster if kind == "refits" else motion
         with periodic(made) if kind == "periodic" else nullcontext():
-            found[kind] = load.run(process, args.rate, args.round_seconds, offset, drive)
+            found[kind] = load.run(process, rate, round_seconds, offset, drive)
         if kind == "refits":
             one = found[kind]
             one["reach"] = made.call_get("/friction_estimator", "learned.velocity_range")[1]
@@ -143,93 +145,50 @@ def measured(
     return found
 
 
-def beside_themselves(found: list[dict]) -> str:
+def beside_themselves(found: list[dict]) -> dict[str, float]:
     """Return what refits cost by the pairs of the rounds with refits alone."""
     trips = np.concatenate([figures["trip_us"] for figures in found])
     near = np.concatenate([figures["near"] for figures in found])[np.isfinite(trips)]
     trips = trips[np.isfinite(trips)]
-    p99, rest, close = (float(np.percentile(part, 99)) for part in (trips, trips[~near], trips[near]))
-    late = 100.0 * float(np.mean(trips[near] > rest))
-    return (
-        f"Of the {trips.size} pairs with refits {near.sum()} are near one; p99 of all {p99:.0f} us, of those that are "
-        f"not {rest:.0f} us, {p99 / rest:.2f} times; of those that are {close:.0f} us, {late:.1f} % of them above the "
-        "p99 of the others."
-    )
+    rest = float(np.percentile(trips[~near], 99))
+    return {
+        "reach": statistics.median(figures["reach"] for figures in found),
+        "pairs": trips.size,
+        "near": int(near.sum()),
+        "p99_us": float(np.percentile(trips, 99)),
+        "rest_p99_us": rest,
+        "near_p99_us": float(np.percentile(trips[near], 99)) if near.any() else float("nan"),
+        "near_late": float(np.mean(trips[near] > rest)) if near.any() else float("nan"),
+    }
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=8)
-    parser.add_argument("--round-seconds", type=float, default=6.0)
-    parser.add_argument("--rate", type=float, default=1000.0)
-    parser.add_argument("--pairs", choices=PAIRS, nargs="+", default=list(PAIRS))
-    parser.add_argument("--before")
-    args = parser.parse_args()
-    chosen = {with_it: PAIRS[with_it] for with_it in args.pairs}
-    kinds_run = [kind for kind in WORDS if kind in (*chosen, *chosen.values())]
-    nodes = {"node": None} | ({f"node of {args.before}": checked_out(args.before)} if args.before else {})
-    echo: list[dict] = []
-    runs: dict[str, dict[str, list[dict]]] = {name: {kind: [] for kind in kinds_run} for name in nodes}
+def measured(rounds: int, round_seconds: float, rate: float, before: str) -> dict[str, Any]:
+    nodes = {"node": None} | ({f"node of {before}": checked_out(before)} if before else {})
+    runs: dict[str, list[dict]] = {ECHO: []}
     with graph(Path(tempfile.mkdtemp())) as made:
         load = Load(made)
-        for turn in range(args.rounds):
+        for turn in range(rounds):
             process = made.start(str(HERE / "echo_node.py"), "events", "typed")
             process.says("listening")
-            echo.append(load.run(process, args.rate, args.round_seconds))
+            runs[ECHO].append(load.run(process, rate, round_seconds))
             process.stop()
-            for name, before in nodes.items():
-                for with_it, without in chosen.items():
-                    for kind, figures in measured(made, load, args, before, turn, (without, with_it)).items():
-                        runs[name][kind].append(figures)
-
-    def middle(found: list[dict], key: str) -> float:
-        return statistics.median(figures[key] for figures in found)
-
-    def line(name: str, found: list[dict]) -> list[object]:
-        figures = [f"{middle(found, key):.0f}" for key in KEYS]
-        beside = [f"{middle(found, key) / middle(echo, key):.2f}" for key in ("cpu_us", "p99_us")]
-        return [name, *figures, *beside, sum(r["sent"] - r["received"] for r in found)]
-
-    header = [
-        "variant",
-        "CPU a pair (us)",
-        "p50 (us)",
-        "p99 (us)",
-        "max (us)",
-        "CPU over echo",
-        "p99 over echo",
-        "lost",
-    ]
-    lines, notes = [line("echo, typed", echo)], []
-    for name, kinds in runs.items():
-        lines += [line(f"{name}{WORDS[kind]}", kinds[kind]) for kind in kinds_run]
-        for with_it, without in chosen.items():
-            pairs = list(zip(kinds[with_it], kinds[without], strict=True))
-            factors = {key: sorted(one[key] / other[key] for one, other in pairs) for key in KEYS[1:]}
-            told = ", ".join(
-                f"{key.removesuffix('_us')} {statistics.median(f):.2f} ({f[0]:.2f} to {f[-1]:.2f})"
-                for key, f in factors.items()
-            )
-            notes.append(f"Cost of {with_it} to the {name}, median and range of {args.rounds} pairs: {told}.")
-        if "refits" in kinds:
-            reach = statistics.median(figures["reach"] for figures in kinds["refits"])
-            notes.append(f"Refits took the range from 0.15 to {reach:.2f} m/s. {beside_themselves(kinds['refits'])}")
-    if args.before:
-        former, calm = runs[f"node of {args.before}"], chosen[args.pairs[0]]
-        ratio = {key: middle(runs["node"][calm], key) / middle(former[calm], key) for key in KEYS}
-        notes.append(
-            f"The node against that of {args.before}: CPU {ratio['cpu_us']:.2f}, p50 {ratio['p50_us']:.2f}, "
-            f"p99 {ratio['p99_us']:.2f}."
-        )
-    write_section(
-        "Latency",
-        f"Round trips of {args.rate:g} Hz pairs, rounds of {args.round_seconds:g} s in turns, medians of {args.rounds} "
-        "(the maximum too), law rls, model parallel, reliable on both sides.\n\n"
-        + rows(header, lines)
-        + "\n\n"
-        + " ".join(notes),
-    )
+            for name, folder in nodes.items():
+                for with_it, without in PAIRS.items():
+                    found = loaded(made, load, (rate, round_seconds), folder, turn, (without, with_it))
+                    for kind, figures in found.items():
+                        runs.setdefault(f"{name}{WORDS[kind]}", []).append(figures)
+    return {
+        "rate_hz": rate,
+        "round_seconds": round_seconds,
+        "variants": {variant: {key: [run[key] for run in found] for key in KEYS} for variant, found in runs.items()},
+        "costs": {
+            f"{with_it} to the {name}": [f"{name}{WORDS[with_it]}", f"{name}{WORDS[without]}"]
+            for name in nodes
+            for with_it, without in PAIRS.items()
+        },
+        "refits": {name: beside_themselves(runs[f"{name}{WORDS['refits']}"]) for name in nodes},
+    }
 
 
 if __name__ == "__main__":
-    main()
+    part(measured, __doc__, rounds=9, round_seconds=6.0, rate=1000.0, before="")

@@ -1,8 +1,8 @@
-"""Everything that table.md says, measured again, one script after the other; each section names the commit.
+"""What table.md says, measured again, one script after the other; each section names the commit.
 
 python benchmarks/node/run.py [SCRIPT...]
 
-Some 25 minutes on a quiet machine; `python benchmarks/node/run.py latency` alone takes 5.
+Some 20 minutes on a quiet machine, ten of them endurance. Start, CPU and latency are parts of benchmarks/bench.py.
 """
 
 import argparse
@@ -11,7 +11,7 @@ import sys
 
 from common import HERE
 
-SCRIPTS = ("start", "pairs", "latency", "curve", "joint_state", "endurance", "endings", "faults")
+SCRIPTS = ("curve", "joint_state", "joints", "endurance", "endings", "faults")
 
 
 def main() -> None:

@@ -1,17 +1,17 @@
 """Time from the start of a process to its first message: the node's first prediction beside a bare rclpy node's echo.
 
-python start.py [--rounds 7] [--rate 100]
+A part of `python benchmarks/bench.py`.
 """
 
-import argparse
-import statistics
 import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
-from common import HERE, PREDICTED, rows, write_section
+from common import HERE, PREDICTED
 from geometry_msgs.msg import WrenchStamped
+from measure import in_turn, part
 from ros_graph import Feeder, Graph, Process, graph, motion, qos
 
 NODES: dict[str, Callable[[Graph], Process]] = {
@@ -42,36 +42,25 @@ def first_message(
     return [1e-9 * (heard[0] - begin), cpu]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=7)
-    parser.add_argument("--rate", type=float, default=100.0)
-    args = parser.parse_args()
+def measured(rounds: int, rate: float) -> dict[str, Any]:
     heard: list[int] = []
-    took: dict[str, list[list[float]]] = {name: [] for name in NODES}
     with graph(Path(tempfile.mkdtemp())) as made:
         made.probe.create_subscription(
             WrenchStamped, PREDICTED, lambda _: heard.append(time.perf_counter_ns()), qos(False, 1000), raw=True
         )
         feeder = Feeder(made)
-        for _ in range(args.rounds + 1):
-            for name, start in NODES.items():
-                took[name].append(first_message(made, feeder, heard, start, args.rate))
-    lines = []
-    bare = took["bare rclpy node"][1:]  # the first round fills the caches
-    for name, every in took.items():
-        runs = every[1:]
-        ratios = [statistics.median(a[k] / b[k] for a, b in zip(runs, bare, strict=True)) for k in (0, 1)]
-        clock, cpu = (statistics.median(run[k] for run in runs) for k in (0, 1))
-        lines.append([name, f"{clock:.2f}", f"{ratios[0]:.2f}", f"{cpu:.2f}", f"{ratios[1]:.2f}"])
-    write_section(
-        "Start",
-        f"From the start of a process to its first message, while pairs come at {args.rate:g} Hz; medians of "
-        f"{args.rounds} rounds in turns, with warm caches, range and units given, and a feeder that announces itself "
-        "every 50 ms. At most 3 by the clock.\n\n"
-        + rows(["process", "s by the clock", "over the bare node", "CPU, s", "over the bare node"], lines),
-    )
+        first = {
+            name: (lambda start=start: first_message(made, feeder, heard, start, rate)) for name, start in NODES.items()
+        }
+        found = in_turn(first, rounds)
+    return {
+        "rate_hz": rate,
+        "processes": {
+            name: dict(zip(("clock", "cpu"), map(list, zip(*runs, strict=True)), strict=True))
+            for name, runs in found.items()
+        },
+    }
 
 
 if __name__ == "__main__":
-    main()
+    part(measured, __doc__, rounds=9, rate=100.0)
