@@ -1,8 +1,8 @@
 """A sample in Python: plain numpy, and adaptive filters of padasip and pyroomacoustics where they are installed.
 
-A part of `python benchmarks/bench.py`. The filters are linear in as many regressors as the parallel model has parameters:
-padasip is given them ready, pyroomacoustics takes them from its delay line. Neither has a basis to evaluate nor a
-product of parameters.
+A part of `python benchmarks/bench.py`. The filters are linear in as many regressors as the parallel model has
+parameters: padasip is given them ready, pyroomacoustics takes them from its delay line. Neither has a basis to evaluate
+nor a product of parameters.
 """
 
 import importlib
