@@ -62,7 +62,7 @@ def long(axes: Sequence[Any], figures: Figures) -> None:
         axes[0].plot(count, took, "o-", color=colour, label=name, markersize=4)
         axes[1].plot(count, [max(one["memory"]) for one in found], "o-", color=colour, label=name, markersize=4)
         axes[1].axhline(max(start["memory"]), color=colour, linestyle=":", label=f"start of {name}")
-    axes[0].set_yscale("log")
+    axes[0].set_yscale("log", nonpositive="mask")
     axes[0].set_ylabel("processor time without start, s")
     axes[1].set_ylabel("largest resident set, MB")
     axes[1].set_ylim(bottom=0.0)
