@@ -84,16 +84,16 @@ def of_reading(figures: Mapping[str, Any]) -> Iterator[Requirement]:
 
 
 def of_long(figures: Mapping[str, Any]) -> Iterator[Requirement]:
-    loops, samples = figures["loops"], figures["samples"]
+    loops, recording = figures["loops"], f"a recording of {figures['samples']} samples"
     for law in ("rls", "lms"):
         for with_start, words in ((False, "without the start"), (True, "with the start")):
             speed = share(loops, law, "clock", with_start)
-            what = f"`replay` of {samples:.0e} samples, `{law}`: speed over the bare loop's, by the clock, {words}"
-            yield Requirement(what.replace("e+0", "e"), speed, SHARE_OF_THE_LOOP, False)
+            what = f"`replay` of {recording}, `{law}`: speed over the bare loop's, by the clock, {words}"
+            yield Requirement(what, speed, SHARE_OF_THE_LOOP, False)
     peaks = {"replay": max(max(loops[f"replay, {law}"]["memory"]) for law in ("rls", "lms"))}
     peaks |= {name: max(cost["memory"]) for name, cost in figures["once"].items() if "start of" not in name}
     for name, peak in peaks.items():
-        yield Requirement(f"`{name}` of {samples:.0e} samples: memory".replace("e+0", "e"), peak, MEMORY_MB, unit=" MB")
+        yield Requirement(f"`{name}` of {recording}: memory", peak, MEMORY_MB, unit=" MB")
 
 
 def of_start_up(figures: Mapping[str, Any]) -> Iterator[Requirement]:

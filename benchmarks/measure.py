@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from statistics import linear_regression
 from typing import Any, NamedTuple, TypeVar
 
 import as_users
@@ -82,9 +83,7 @@ def exponent(size: Sequence[float], cost: Sequence[float]) -> float:
     """Return the slope of log cost over log size (least squares) in the upper half of the sizes."""
     half = len(size) // 2 if len(size) > 2 else 0
     x, y = ([math.log(value) for value in values[half:]] for values in (size, cost))
-    x_mean, y_mean = (sum(values) / len(values) for values in (x, y))
-    above = sum((a - x_mean) * (b - y_mean) for a, b in zip(x, y, strict=True))
-    return above / sum((a - x_mean) ** 2 for a in x)
+    return linear_regression(x, y).slope
 
 
 def part(measured: Callable[..., dict[str, Any]], about: str | None, **sizes: float) -> None:

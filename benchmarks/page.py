@@ -7,13 +7,9 @@ from typing import Any
 import bounds
 from bounds import Requirement, difference, share
 from measure import exponent
+from tables import table
 
 Figures = Mapping[str, Any]
-
-
-def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """Return a table in Markdown."""
-    return "\n".join(f"| {' | '.join(map(str, row))} |" for row in (head, ["---"] * len(head), *rows))
 
 
 def spread(one: Sequence[float], other: Sequence[float]) -> str:

@@ -37,15 +37,10 @@ def write_section(title: str, text: str) -> None:
         "# What the node was measured to do\n\nWritten by the scripts here; docs/node.md says how to read it. Each "
         "section names the commit and the command that it comes from; one that names none is older than this rule.\n"
     )
-    ordered = [name for name in SECTIONS if name in parts]
+    # Sections of other scripts, and of former ones until their figures stand elsewhere, come first.
+    ordered = sorted(parts, key=lambda name: SECTIONS.index(name) if name in SECTIONS else -1)
     TABLE.write_text(head + "".join(f"\n## {name}\n\n{parts[name]}\n" for name in ordered))
     print(f"## {title}\n\n{text.strip()}\n", flush=True)
-
-
-def rows(header: list[str], lines: list[list[Any]]) -> str:
-    """Return a Markdown table."""
-    out = [f"| {' | '.join(header)} |", f"|{' --- |' * len(header)}"]
-    return "\n".join(out + [f"| {' | '.join(map(str, line))} |" for line in lines])
 
 
 Drive = Callable[[int, float], tuple[Any, Any, Any]]

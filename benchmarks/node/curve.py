@@ -15,9 +15,10 @@ from friction_estimator.threads import one_thread
 one_thread()  # as the node does
 
 import numpy as np
-from common import Load, rows, write_section
+from common import Load, write_section
 from ros_graph import UNITS, graph
 from std_msgs.msg import Float64MultiArray
+from tables import table
 
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.settings.config import Config
@@ -70,7 +71,7 @@ def main() -> None:
         "Curve",
         f"{args.rate:g} Hz pairs, rounds of {args.round_seconds:g} s, medians of {args.rounds}. "
         f"One curve of 401 velocities takes {alone(401):.1f} ms, one of 41, which the diagnostics need, "
-        f"{alone(41):.1f} ms.\n\n" + rows(header, lines),
+        f"{alone(41):.1f} ms.\n\n" + table(header, lines),
     )
 
 

@@ -8,9 +8,10 @@ import signal
 import tempfile
 from pathlib import Path
 
-from common import rows, write_section
+from common import write_section
 from ros_graph import graph
 from ros_lifecycle import kill_at_random, stop_at_random
+from tables import table
 
 
 def main() -> None:
@@ -31,7 +32,7 @@ def main() -> None:
     lines.append(["SIGKILL", args.kills, "-", "-", len(faults)])
     complaints += faults
     header = ["signal", "runs", "exit code 0", "slowest end (s)", "faults (state file included)"]
-    write_section("Endings", rows(header, lines) + "".join(f"\n\n```\n{text}\n```" for text in complaints[:5]))
+    write_section("Endings", table(header, lines) + "".join(f"\n\n```\n{text}\n```" for text in complaints[:5]))
 
 
 if __name__ == "__main__":

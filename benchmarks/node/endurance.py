@@ -13,10 +13,11 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from common import rows, write_section
+from common import write_section
 from geometry_msgs.msg import WrenchStamped
 from ros_graph import ROOT, await_, force, graph
 from std_srvs.srv import SetBool, Trigger
+from tables import table
 
 
 def main() -> None:
@@ -97,7 +98,7 @@ def main() -> None:
     write_section(
         "Endurance",
         f"{args.minutes:g} minutes at 200 Hz, two nodes, looping players, parameters and services every second.\n\n"
-        + rows([*header, "exit code", "player's"], lines)
+        + table([*header, "exit code", "player's"], lines)
         + f"\n\n{len(faults)} faults in {calls} rounds of calls."
         + "".join(f"\n\n```\n{text}\n```" for text in faults[:3]),
     )

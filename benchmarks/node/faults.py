@@ -8,10 +8,11 @@ import math
 import tempfile
 from pathlib import Path
 
-from common import PREDICTED, rows, write_section
+from common import PREDICTED, write_section
 from geometry_msgs.msg import WrenchStamped
 from ros_faults import FAULTS, Hostile
 from ros_graph import Feeder, force, graph
+from tables import table
 
 
 def main() -> None:
@@ -34,7 +35,7 @@ def main() -> None:
     write_section(
         "Faults",
         f"500 Hz; rms error before any fault {before:.4f} N.\n\n"
-        + rows(["fault", "counted under", "rms error 1.5 to 2 s after its end (N)", "over before"], lines)
+        + table(["fault", "counted under", "rms error 1.5 to 2 s after its end (N)", "over before"], lines)
         + f"\n\nAll {len(heard)} predictions finite: {finite}; exit code {code}.",
     )
 

@@ -11,11 +11,12 @@ import tempfile
 import time
 from pathlib import Path
 
-from common import HERE, rows, write_section
+from common import HERE, write_section
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import serialize_message
 from ros_graph import NS, Graph, Process, await_, graph, motion
 from sensor_msgs.msg import JointState
+from tables import table
 
 
 def load(made: Graph, rate_hz: float, seconds: float) -> tuple[int, float]:
@@ -87,7 +88,7 @@ def main() -> None:
             [name, f"{rate:.0f}", sent, found["predictions"], f"{100 * lost:.2f} %", f"{cpu / sent * 1e6:.0f}", code]
         )
     header = ["variant", "rate (Hz)", "messages", "predictions", "lost", "CPU a message (us)", "exit code"]
-    write_section("JointState", f"One JointState topic for {args.seconds:g} s, best effort.\n\n" + rows(header, lines))
+    write_section("JointState", f"One JointState topic for {args.seconds:g} s, best effort.\n\n" + table(header, lines))
 
 
 if __name__ == "__main__":

@@ -19,13 +19,14 @@ from typing import Any
 
 import numpy as np
 import rclpy
-from common import rows, write_section
+from common import write_section
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from rclpy.experimental import EventsExecutor
 from rclpy.serialization import serialize_message
 from ros_graph import NS, Graph, Process, await_, force, graph, motion, qos
 from sensor_msgs.msg import JointState
+from tables import table
 
 from friction_estimator.bag.joint_arrays import JointArrays
 from friction_estimator.bag.layout import Cursor
@@ -207,7 +208,7 @@ def main() -> None:
     share = 100.0 * cpu[True] / cpu[False]
     text = (
         f"{len(joints)} joints of one JointState topic at {args.rate:g} Hz for {args.seconds:g} s, reliable.\n\n"
-        f"{rows(header, lines)}\n\nCPU of one node over that of {len(joints)} nodes: {share:.0f} %. Stamps that a "
+        f"{table(header, lines)}\n\nCPU of one node over that of {len(joints)} nodes: {share:.0f} %. Stamps that a "
         f"process of its own missed among the predictions of the one node, by joint: {', '.join(missing)}."
     )
     write_section("Joints", text)
