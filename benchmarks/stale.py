@@ -12,19 +12,39 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 
 CORE = "friction_estimator/core"
-ROOMS = {
+KERNELS = [f"{CORE}/online", f"{CORE}/model", "benchmarks/kernels"]
+NODE = ["friction_estimator/ros", f"{CORE}/online", "benchmarks/node"]
+
+ROOMS: dict[str, list[str] | dict[str, list[str]]] = {
     "benchmarks/transfer/README.md": [CORE, "friction_estimator/rig", "benchmarks/transfer"],
     "benchmarks/transfer/prior_study.md": [f"{CORE}/fit", f"{CORE}/model", "friction_estimator/rig"],
     "benchmarks/identification/README.md": [CORE, "friction_estimator/rig", "benchmarks/identification"],
     "benchmarks/robustness/table_20000.md": [f"{CORE}/online", f"{CORE}/model", "benchmarks/robustness"],
-    "benchmarks/kernels/table.md": [f"{CORE}/online", f"{CORE}/model", "benchmarks/kernels"],
-    "benchmarks/reading/README.md": [
-        "friction_estimator/bag",
-        f"{CORE}/intake",
-        f"{CORE}/online",
-        "benchmarks/reading",
-    ],
-    "benchmarks/node/table.md": ["friction_estimator/ros", f"{CORE}/online", "benchmarks/node"],
+    "benchmarks/README.md": {
+        "A sample beside C": KERNELS,
+        "A sample in Python": KERNELS,
+        "Weights and taps": KERNELS,
+        "Reading": ["friction_estimator/bag", "benchmarks/reading"],
+        "Long recordings": [
+            "friction_estimator/bag",
+            "friction_estimator/output",
+            f"{CORE}/intake",
+            f"{CORE}/online",
+            f"{CORE}/fit",
+            "benchmarks/reading",
+        ],
+        "Start-up": ["friction_estimator/cli", "friction_estimator/bag", "benchmarks/reading"],
+        "The node's start": NODE,
+        "The node beside echo nodes": NODE,
+        "The node's latency": NODE,
+        "Many recordings, many settings": [
+            "friction_estimator/tasks",
+            "friction_estimator/sweep",
+            "friction_estimator/fleet",
+            "benchmarks/many",
+        ],
+    },
+    "benchmarks/node/table.md": NODE,
     "benchmarks/diagnosis/README.md": ["friction_estimator/diagnosis", "friction_estimator/effects"],
     "benchmarks/load/README.md": [
         f"{CORE}/model",
@@ -35,7 +55,7 @@ ROOMS = {
     ],
     "docs/paper.md": ["friction_estimator/paper", f"{CORE}/online", f"{CORE}/fit"],
 }
-"""Page of figures: what its figures are about. A change of the page itself does not make it stale."""
+"""Page of figures: what its figures are about, or each of its sections. A change of the page is none of these."""
 
 HEAD_LINES = 8
 
@@ -80,7 +100,7 @@ def main() -> int:
             print(f"{page} is missing")
             continue
         for section, commit in measurements(path.read_text(encoding="utf-8")):
-            reason = verdict(commit, rooms)
+            reason = verdict(commit, rooms[section] if isinstance(rooms, dict) else rooms)
             if reason:
                 print(f"{page}{f', {section},' if section else ''} {reason}")
     return 0

@@ -43,3 +43,10 @@ def test_small_sizes_are_not_written_over_the_project_s_page():
     done = bench("kernels", "--quick")
     assert done.returncode == 2
     assert "--out" in done.stderr
+
+
+def test_the_page_is_what_its_figures_say(tmp_path):
+    folder = ROOT / "benchmarks"
+    (tmp_path / "bench.json").write_bytes((folder / "bench.json").read_bytes())
+    assert bench("--render", "--out", tmp_path).returncode == 0
+    assert (tmp_path / "README.md").read_text() == (folder / "README.md").read_text()

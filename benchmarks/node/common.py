@@ -34,8 +34,9 @@ def write_section(title: str, text: str) -> None:
     command = " ".join(["python", f"benchmarks/node/{Path(sys.argv[0]).name}", *sys.argv[1:]])
     parts[title] = f"{provenance.line(command)}\n{text.strip()}"
     head = (
-        "# What the node was measured to do\n\nWritten by the scripts here; docs/node.md says how to read it. Each "
-        "section names the commit and the command that it comes from; one that names none is older than this rule.\n"
+        "# What the node was measured to do\n\nWritten by the scripts here; docs/node.md says how to read it; start, "
+        "processor time and latency of the node are on the page of `make bench`. Each section names the commit and the "
+        "command that it comes from; one that names none is older than this rule.\n"
     )
     # Sections of other scripts, and of former ones until their figures stand elsewhere, come first.
     ordered = sorted(parts, key=lambda name: SECTIONS.index(name) if name in SECTIONS else -1)
