@@ -7,7 +7,7 @@ from typing import Any
 
 import matplotlib
 import matplotlib.pyplot as plt
-from bounds import difference
+from bounds import difference, ratio
 from matplotlib.ticker import NullLocator
 from page import medians
 
@@ -104,12 +104,12 @@ def many(axes: Sequence[Any], figures: Figures) -> None:
     axes[0].legend(fontsize=8)
     most = 1
     for (name, verb), colour in zip(figures["verbs"].items(), (BLUE, RED), strict=True):
-        one = median(verb["processes"][0]["clock"])
+        one = verb["processes"][0]["clock"]
         counts = verb["workers"]
         most = max(most, *counts)
-        faster = [one / median(cost["clock"]) for cost in verb["processes"]]
+        faster = [ratio(one, cost["clock"]) for cost in verb["processes"]]
         axes[1].plot(counts, faster, "o-", color=colour, label=name, markersize=4)
-        dask = one / median(verb["dask"]["clock"])
+        dask = ratio(one, verb["dask"]["clock"])
         axes[1].plot([figures["dask_workers"]], [dask], "x", color=colour, label=f"{name}, Dask", markersize=7)
     axes[1].plot([1, most], [1, most], ":", color=GREY, label="as many times as workers")
     axes[1].set_xticks(counts)
