@@ -345,13 +345,13 @@ def test_a_diagnosis_that_cannot_answer_claims_no_search(tmp_path):
 
 def test_a_mean_is_not_drawn_over_what_nobody_measured():
     x = np.concatenate([np.linspace(0.0, 1.0, 2000), np.linspace(3.0, 4.0, 2000)])
-    bins = curves.binned(x, np.where(x < 2.0, 1.0, -1.0))
+    bins = curves.binned(curves.Points(x, np.where(x < 2.0, 1.0, -1.0)))
     assert (np.diff(bins.at) >= 0.0).all()
     gap = np.flatnonzero(np.isnan(bins.mean))
     assert gap.size == 2
     assert bins.at[gap[1]] - bins.at[gap[0]] > 1.8
     assert (bins.low[gap] == bins.high[gap]).all()
-    assert np.isfinite(curves.binned(np.linspace(0.0, 1.0, 4000), np.ones(4000)).mean).all()
+    assert np.isfinite(curves.binned(curves.Points(np.linspace(0.0, 1.0, 4000), np.ones(4000))).mean).all()
 
 
 def test_a_page_of_many_causes_stays_small(tmp_path):

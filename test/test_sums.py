@@ -27,6 +27,32 @@ def test_sums_and_quantiles(n, piece, seed):
         for one in (values, ties):
             pieces = (one[part] for part in sums.parts(n, piece))
             assert sums.upper_quantile(pieces, n, q) == float(np.quantile(one, q))
+    for one in (np.abs(values), np.abs(ties)):
+        assert sums.median_size(lambda one=one: (one[part] for part in sums.parts(n, piece))) == float(np.median(one))
+
+
+@pytest.mark.parametrize(("told", "words"), [(5, "more than 4"), (3, "fewer than 4")])
+def test_a_sum_of_another_number_of_values_is_refused(told, words):
+    def summed():
+        total = sums.Total(4)
+        total.add(np.ones(told))
+        return total.value
+
+    with pytest.raises(ValueError, match=words):
+        summed()
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(n=lengths.filter(lambda n: n > 1), begin=st.floats(0, 1), piece=st.integers(1, 9000), seed=st.integers(0, 99))
+def test_an_error_taken_in_turn_is_that_of_all(n, begin, piece, seed):
+    rng = np.random.default_rng(seed)
+    measured, predicted = rng.standard_normal((2, n))
+    first = int(begin * (n - 2))
+    error = metrics.NrmseInTurn(measured, first)
+    for part in sums.parts(n, max(piece, n // 200)):
+        error.take(predicted[part])
+    assert error.value == metrics.nrmse(measured[first:], predicted[first:])
+    assert np.isnan(metrics.NrmseInTurn(np.ones(n)).value)
 
 
 @settings(max_examples=25, deadline=None, derandomize=True)

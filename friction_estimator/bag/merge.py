@@ -1,11 +1,12 @@
 """Streams of a recording merged into recorded order, whole or piece by piece as they are read."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from friction_estimator.core import sums
 from friction_estimator.core.intake.pairing import STREAMS
 from friction_estimator.core.sample import Floats, Ints
 
@@ -133,3 +134,35 @@ def recorded_order(*log_times_ns: Ints) -> NDArray[np.intp]:
     [0, 2, 3, 1]
     """
     return np.argsort(np.concatenate(log_times_ns), kind="stable")
+
+
+def in_order(log_time_ns: Ints) -> bool:
+    """Return whether nothing was recorded before what stands ahead of it."""
+    pieces = (log_time_ns[part.start : part.stop + 1] for part in sums.parts(log_time_ns.size))
+    return all(bool((piece[1:] >= piece[:-1]).all()) for piece in pieces)
+
+
+def merged_parts(log_times_ns: Sequence[Ints], block: int) -> Iterator[list[slice]]:
+    """Yield parts of streams that are in order each, such that nothing of a later part comes before a former one.
+
+    Merged by `recorded_order`, they are the streams merged as a whole.
+
+    Parameters
+    ----------
+    log_times_ns : of each stream. block : of a stream at the most, but where more have one time.
+
+    >>> list(merged_parts([np.array([1, 2, 5]), np.array([2, 4])], 2))
+    [[slice(0, 2, None), slice(0, 1, None)], [slice(2, 3, None), slice(1, 2, None)]]
+    """
+    done = [0] * len(log_times_ns)
+    while True:
+        ends = [
+            int(times[at + block - 1]) for times, at in zip(log_times_ns, done, strict=True) if times.size - at > block
+        ]
+        if not ends:
+            yield [slice(at, times.size) for times, at in zip(log_times_ns, done, strict=True)]
+            return
+        until = min(ends)
+        reached = [int(np.searchsorted(times, until, side="right")) for times in log_times_ns]
+        yield [slice(at, end) for at, end in zip(done, reached, strict=True)]
+        done = reached

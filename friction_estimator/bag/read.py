@@ -9,7 +9,7 @@ import numpy as np
 
 from friction_estimator.bag.batches import ANYTHING_BEHIND, NOTHING_BEHIND
 from friction_estimator.bag.joint_arrays import CHOOSE_JOINT, holds_a_joint
-from friction_estimator.bag.merge import Events, Merge, Part, joined, recorded_order
+from friction_estimator.bag.merge import Events, Merge, Part, in_order, joined, recorded_order
 from friction_estimator.bag.messages import (
     EXTRACTORS,
     INPUTS,
@@ -20,10 +20,11 @@ from friction_estimator.bag.messages import (
     Want,
 )
 from friction_estimator.bag.motion import recorded_motion
-from friction_estimator.bag.recording import Heard, Outline, Recording, Stream
+from friction_estimator.bag.recording import Heard, Outline, Recorded, Recording, Stream
 from friction_estimator.bag.source import Source, Topic
 from friction_estimator.bag.topics import JOINT_STATE, JOINT_STATES, REQUIRED, Assignment, Probe, assign
 from friction_estimator.core.errors import FrictionEstimatorError, InputError, UnanswerableError
+from friction_estimator.core.growing import Column
 from friction_estimator.core.intake.pairing import LARGEST_VALUE
 from friction_estimator.core.quantities import ROTARY
 from friction_estimator.core.sample import Ints
@@ -81,6 +82,27 @@ def read_recording(
             stamped=heard.stamped,
         )
     return Recording(outline.path, streams, outline.topics, outline.motion, outline.notes)
+
+
+def times_of(recording: Recorded, name: str) -> tuple[Ints, Ints]:
+    """Return stamps and times of recording of an input, ns, (n,) each, in recorded order.
+
+    They are read again where the numbers were not kept; the values are not kept then either.
+    """
+    if not isinstance(recording, Outline):
+        stream = recording.whole().streams[name]
+        return stream.stamp_ns, stream.log_time_ns
+    stamps, log_times = Column(np.int64), Column(np.int64)
+    with Reading(recording.path, recording.config, recording.asked) as reading:
+        for own, part, _ in reading.parts():
+            if own == name:
+                stamps.extend(part.stamp_ns)
+                log_times.extend(part.log_time_ns)
+    stamp_ns, log_time_ns = stamps.taken(), log_times.taken()
+    if in_order(log_time_ns):
+        return stamp_ns, log_time_ns
+    order = recorded_order(log_time_ns)
+    return stamp_ns[order], log_time_ns[order]
 
 
 class Reading:

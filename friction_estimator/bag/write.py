@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from friction_estimator.bag.merge import recorded_order
+from friction_estimator.bag.merge import in_order, merged_parts, recorded_order
 from friction_estimator.bag.own import MARK, OUTPUT_PREFIX, refusal
 from friction_estimator.bag.serialise import Template, array_template, sample_template, typestore
 from friction_estimator.bag.source import Source
 from friction_estimator.core.errors import InputError
 from friction_estimator.core.quantities import LINEAR
-from friction_estimator.core.sample import Floats, Ints, Samples
+from friction_estimator.core.sample import Ints, Samples
+from friction_estimator.core.series import Series
 from friction_estimator.core.text import is_utf8
 from friction_estimator.output.staging import Refusal
 from friction_estimator.output.target import Target
@@ -45,7 +46,7 @@ _SUFFIXES = {".mcap": "mcap", ".db3": "sqlite3"}
 _PLUGINS = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 
 _BLOCK = 32768
-"""Messages serialised at a time: bounds the memory of a long recording."""
+"""Messages of a topic serialised at a time, at the most: bounds the memory of a long recording."""
 
 _METADATA_VERSION: Literal[8] = 8
 """Version 9 changed the form of the QoS profiles, which are empty here; older ROS 2 releases read 8."""
@@ -59,7 +60,7 @@ class _Pending:
     template: Template
     log_time_ns: Ints
     stamp_ns: Ints
-    values: tuple[Floats, ...]
+    values: tuple[Series, ...]
 
 
 class RecordingWriter:
@@ -74,7 +75,7 @@ class RecordingWriter:
         topic: str,
         message_type: str,
         stamp_ns: Ints,
-        value: Floats | Mapping[str, Floats],
+        value: Series | Mapping[str, Series],
         *,
         quantity: str = "friction",
         log_time_ns: Ints | None = None,
@@ -132,43 +133,37 @@ class RecordingWriter:
     def _connection(self, topic: str, message_type: str) -> Connection:
         return self._writer.add_connection(topic, message_type, typestore=typestore())
 
-    def _add(self, topic: str, template: Template, stamp_ns: Ints, log_time_ns: Ints | None, *values: Floats) -> None:
+    def _add(self, topic: str, template: Template, stamp_ns: Ints, log_time_ns: Ints | None, *values: Series) -> None:
         log_time_ns = stamp_ns if log_time_ns is None else log_time_ns
         if np.any(log_time_ns < 0):
             raise InputError(f"cannot write {topic} to {self._where}: a time of recording is before 1970")
-        order = recorded_order(log_time_ns)
-        self._pending.append(
-            _Pending(
-                self._connection(topic, template.message_type),
-                template,
-                log_time_ns[order],
-                stamp_ns[order],
-                tuple(value[order] for value in values),
-            )
-        )
+        if not in_order(log_time_ns):
+            order = recorded_order(log_time_ns)
+            log_time_ns, stamp_ns = log_time_ns[order], stamp_ns[order]
+            values = tuple(value[:][order] for value in values)
+        connection = self._connection(topic, template.message_type)
+        self._pending.append(_Pending(connection, template, log_time_ns, stamp_ns, values))
 
     def finish(self) -> None:
         """Write the streams, merged by time of recording; at equal times in the order in which they were added."""
         streams, self._pending = self._pending, []
         if not streams:
             return
-        number = np.repeat(np.arange(len(streams)), [item.log_time_ns.size for item in streams])
-        number = number[recorded_order(*(item.log_time_ns for item in streams))]
-        written = [0] * len(streams)
-        for start in range(0, number.size, _BLOCK):
-            block = number[start : start + _BLOCK]
+        total = sum(item.log_time_ns.size for item in streams)
+        for parts in merged_parts([item.log_time_ns for item in streams], _BLOCK):
             waiting = []
-            for own, item in enumerate(streams):
-                begin = written[own]
-                written[own] = end = begin + int(np.count_nonzero(block == own))
-                part = slice(begin, end)
+            for item, part in zip(streams, parts, strict=True):
                 rows = item.template.rows(item.stamp_ns[part], *(value[part] for value in item.values))
                 waiting.append(zip(item.log_time_ns[part].tolist(), _views(rows), strict=True))
-            for own in block.tolist():
+            number = np.repeat(np.arange(len(streams)), [part.stop - part.start for part in parts])
+            number = number[
+                recorded_order(*(item.log_time_ns[part] for item, part in zip(streams, parts, strict=True)))
+            ]
+            for own in number.tolist():
                 log_time, raw = next(waiting[own])
                 self._writer.write(streams[own].connection, log_time, raw)
             if self._progress is not None:
-                self._progress(block.size, number.size)
+                self._progress(number.size, total)
 
 
 def _views(rows: NDArray[np.uint8]) -> list[memoryview]:
@@ -278,8 +273,8 @@ def add_samples(writer: RecordingWriter, samples: Samples, *, motion: str = LINE
 def add_results(
     writer: RecordingWriter,
     stamp_ns: Ints,
-    predicted_N: Floats,
-    residual_N: Floats,
+    predicted_N: Series,
+    residual_N: Series,
     parameters: Mapping[str, tuple[Ints, NDArray[np.float64]]] | None = None,
     *,
     log_time_ns: Ints | None = None,

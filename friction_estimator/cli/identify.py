@@ -13,13 +13,14 @@ from friction_estimator.cli.replay import judged, summarise
 from friction_estimator.core.errors import ConfigError, about
 from friction_estimator.core.fit.batch import BatchFit, fit_batch
 from friction_estimator.core.intake.standstill import standstill
-from friction_estimator.core.metrics import nrmse
+from friction_estimator.core.metrics import NrmseInTurn, nrmse
 from friction_estimator.core.online.adaptation import LAWS
 from friction_estimator.core.online.estimator import Estimator
-from friction_estimator.core.online.first_contact import chosen, refined
+from friction_estimator.core.online.first_contact import chosen, meet, refined
 from friction_estimator.core.online.record_figures import RecordFigures
-from friction_estimator.core.online.replay import Replay, check_answerable, curves_of, replay
-from friction_estimator.core.sample import Bools
+from friction_estimator.core.online.replay import Replay, check_answerable, curves_of
+from friction_estimator.core.online.run import Run
+from friction_estimator.core.sample import Bools, Floats
 from friction_estimator.core.settings.config import Config
 from friction_estimator.effects.extension import extension_as_met, extension_from_config
 
@@ -148,29 +149,45 @@ def _online(
     session: Session, fit: BatchFit, laws: list[str], freeze_after: float | None
 ) -> dict[str, dict[str, float]]:
     """Return for each law its a priori error, and that error over the batch fit's on the same samples."""
-    samples = session.samples
+    # What waits for the first contact, and may be let go, is the same for every law.
+    samples, dropped = session.samples, meet(session.config, session.samples).dropped
+    measured = samples.friction_N[dropped:]
+    late = measured.size - max(2, measured.size // 5)
+    fitted = [nrmse(measured[begin:], fit.predicted_N[dropped + begin :]) for begin in (0, late)]
     rows = {}
     with progress("online laws", len(laws) * len(samples)) as advance:
         for law in laws:
             config = session.config.updated({"model.law": law})
-            extension = extension_as_met(config, samples)
-            online = replay(
-                samples, config, extension=extension, freeze_after=freeze_after, deviation=False, advance=advance
+            errors = [NrmseInTurn(measured, begin) for begin in (0, late)]
+
+            def take(predicted: Floats, errors: list[NrmseInTurn] = errors) -> None:
+                for error in errors:
+                    error.take(predicted)
+
+            run = Run(
+                config,
+                extension=extension_as_met(config, samples),
+                deviation=False,
+                freeze_after=freeze_after,
+                total=len(samples),
+                advance=advance,
+                told=take,
             )
-            measured = online.samples.friction_N  # those that waited too long for the first contact are not among them
-            fitted = fit.predicted_N[len(samples) - len(measured) :]
-            last = slice(len(measured) - max(2, len(measured) // 5), None)
-            whole, end = (
-                [nrmse(measured[part], guess[part]) for guess in (online.predicted_N, fitted)]
-                for part in (slice(None), last)
-            )
+            run.begin()
+            run.push(samples)
+            run.finish()
+            whole, end = (error.value for error in errors)
             rows[law] = {
-                "nrmse": whole[0],
-                "nrmse_final": end[0],
-                "excess": whole[0] / whole[1] if whole[1] > 0.0 else float("nan"),
-                "excess_final": end[0] / end[1] if end[1] > 0.0 else float("nan"),
+                "nrmse": whole,
+                "nrmse_final": end,
+                "excess": _over(whole, fitted[0]),
+                "excess_final": _over(end, fitted[1]),
             }
     return rows
+
+
+def _over(error: float, least: float) -> float:
+    return error / least if least > 0.0 else float("nan")
 
 
 def _tell(output: common.Outlet, summary: dict[str, Any]) -> None:

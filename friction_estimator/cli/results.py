@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from friction_estimator.bag import own
+from friction_estimator.bag.read import times_of
 from friction_estimator.bag.recording import Recorded
 from friction_estimator.bag.source import Source
 from friction_estimator.bag.write import add_results, written
@@ -15,9 +16,11 @@ from friction_estimator.cli import loads, side_by_side
 from friction_estimator.cli.common import to_json
 from friction_estimator.cli.data_quality import data_quality
 from friction_estimator.cli.provenance import provenance
+from friction_estimator.core import sums
 from friction_estimator.core.online.replay import Replay
 from friction_estimator.core.quantities import Quantities
 from friction_estimator.core.sample import Floats, Ints
+from friction_estimator.core.series import Formed
 from friction_estimator.core.text import shown
 from friction_estimator.documents.configuration import write_config
 from friction_estimator.output.layout import Layout, only, strange
@@ -120,9 +123,10 @@ def write_bag(path: Path, recording: Recorded, result: Replay, part: slice = sli
     `part` are the recording's samples in `result`.
     """
     names = sorted({stream.topic for stream in recording.streams.values()})
-    friction, samples = recording.whole().streams["friction"], result.samples[part]
+    samples, residual = result.samples[part], result.residual_N
+    first, end, _ = part.indices(residual.size)
     # Outputs stand beside the friction that they belong to, whatever clock made its stamps.
-    log_time_ns = friction.log_time_ns[_places(friction.stamp_ns, samples.stamp_ns)]
+    log_time_ns = _log_times(*times_of(recording, "friction"), samples.stamp_ns)
     with written(path) as writer:
         with Source(recording.path) as source:
             writer.copy(source, names)
@@ -130,25 +134,35 @@ def write_bag(path: Path, recording: Recorded, result: Replay, part: slice = sli
             writer,
             samples.stamp_ns,
             result.predicted_N[part],
-            result.residual_N[part],
+            Formed(end - first, lambda some: residual[first + some.start : first + some.stop]),
             _snapshots(result, part, log_time_ns),
             log_time_ns=log_time_ns,
-            frame_id=friction.frame_id,
+            frame_id=recording.streams["friction"].frame_id,
             axis=result.config.input.axis,
             motion=recording.motion,
         )
 
 
-def _places(stamp_ns: Ints, wanted_ns: Ints) -> Ints:
-    """Return where each wanted stamp stands, (m,); both are in order of arrival, so equal stamps keep their order."""
-    places, at = np.empty(wanted_ns.size, np.int64), 0
-    stamps = stamp_ns.tolist()
-    for k, wanted in enumerate(wanted_ns.tolist()):
-        while stamps[at] != wanted and at < len(stamps) - 1:
-            at += 1
-        places[k] = at
-        at = min(at + 1, len(stamps) - 1)
-    return places
+def _log_times(stamp_ns: Ints, log_time_ns: Ints, wanted_ns: Ints) -> Ints:
+    """Return when the messages of some stamps were recorded, (m,).
+
+    All are in order of arrival, so equal stamps keep their order.
+    """
+    if np.array_equal(stamp_ns, wanted_ns):
+        return log_time_ns
+    found, at, last = np.empty(wanted_ns.size, np.int64), 0, stamp_ns.size - 1
+    for part in sums.parts(wanted_ns.size):
+        count = part.stop - part.start
+        if np.array_equal(stamp_ns[at : at + count], wanted_ns[part]):
+            found[part] = log_time_ns[at : at + count]
+            at = min(at + count, last)
+            continue
+        for k, wanted in enumerate(wanted_ns[part].tolist(), part.start):
+            while stamp_ns[at] != wanted and at < last:
+                at += 1
+            found[k] = log_time_ns[at]
+            at = min(at + 1, last)
+    return found
 
 
 def _snapshots(result: Replay, part: slice, log_time_ns: Ints) -> dict[str, tuple[Ints, Floats]]:

@@ -71,6 +71,44 @@ def nrmse(
     return float(np.sqrt(sums.total(squares(), n) / n))
 
 
+class NrmseInTurn:
+    """`nrmse` of predictions that come piece by piece and are not kept, to the bit.
+
+    Parameters
+    ----------
+    measured : (n,). begin : index of the first sample that counts.
+
+    Examples
+    --------
+    >>> error = NrmseInTurn(np.array([7.0, 0.0, 2.0]), 1)
+    >>> error.take(np.array([5.0, 1.0]))
+    >>> error.take(np.array([1.0]))
+    >>> error.value
+    1.0
+    """
+
+    def __init__(self, measured: Floats, begin: int = 0) -> None:
+        self._measured, self._begin = measured, begin
+        self._scale = spread(measured[begin:])
+        self._squares = sums.Total(measured.size - begin)
+        self._done = 0
+
+    def take(self, predicted: Floats) -> None:
+        """Take the next predictions, (m,)."""
+        first = max(0, self._begin - self._done)
+        measured = self._measured[self._done : self._done + predicted.size]
+        self._done += predicted.size
+        if self._scale > 0.0:
+            self._squares.add(np.square((measured[first:] - predicted[first:]) / self._scale))
+
+    @property
+    def value(self) -> float:
+        """The nrmse, once all n are taken."""
+        if not self._scale > 0.0:
+            return float("nan")
+        return float(np.sqrt(self._squares.value / (self._measured.size - self._begin)))
+
+
 def nrmse_persistence(measured: Floats, restart: Bools) -> float:
     """Return the nrmse of the guess f[k-1]; samples after a restart have no predecessor and are left out."""
     follows = ~restart[1:]
@@ -84,11 +122,16 @@ def white_noise(force_N: Floats, restart: Bools) -> float:
     smooth over four samples vanishes in them (Gasser, Sroka, Jennen-Steinmetz 1986). Their median counts, so that
     reversals, where friction jumps, do not. NaN below 100 of them.
     """
-    if force_N.size < 4:
+
+    def thirds() -> Iterator[Floats]:
+        for part in sums.parts(max(0, force_N.size - 3)):
+            first, last = part.start, part.stop
+            whole = ~(restart[first + 1 : last + 1] | restart[first + 2 : last + 2] | restart[first + 3 : last + 3])
+            yield sums.some(np.abs(np.diff(force_N[first : last + 3], 3)), whole)
+
+    if sum(piece.size for piece in thirds()) < 100:
         return float("nan")
-    whole = ~(restart[1:-2] | restart[2:-1] | restart[3:])
-    third = np.abs(np.diff(force_N, 3)[whole])
-    return float(np.median(third) / (0.6745 * np.sqrt(20.0))) if third.size >= 100 else float("nan")
+    return float(sums.median_size(thirds) / (0.6745 * np.sqrt(20.0)))
 
 
 def one_way(velocities: Iterable[Floats]) -> int:

@@ -24,6 +24,76 @@ def parts(n: int, block: int = BLOCK) -> Iterator[slice]:
         yield slice(start, min(start + block, n))
 
 
+class Total:
+    """The sum of n values that are told in pieces of any length: `np.sum` of them as one array, to the bit.
+
+    Raises ValueError where more are told, and where the sum is asked for before all are.
+
+    Examples
+    --------
+    >>> x = np.random.default_rng(0).standard_normal(100_001)
+    >>> total = Total(x.size)
+    >>> for part in parts(x.size, 777):
+    ...     total.add(x[part])
+    >>> bool(total.value == np.sum(x))
+    True
+    """
+
+    def __init__(self, n: int) -> None:
+        self._n = n
+        self._leaves = _leaves(n)
+        self._wanted = next(self._leaves)
+        self._held: list[Floats] = []
+        self._count = 0
+        self._sums: list[float] = []
+
+    def add(self, values: Floats) -> None:
+        """Take the next values."""
+        while values.size:
+            if not self._wanted:
+                raise ValueError(f"more than {self._n} values are told")
+            taken = values[: self._wanted - self._count]
+            values = values[taken.size :]
+            self._held.append(taken)
+            self._count += taken.size
+            if self._count == self._wanted:
+                whole = self._held[0] if len(self._held) == 1 else np.concatenate(self._held)
+                self._sums.append(float(np.add.reduce(whole)))
+                self._held, self._count = [], 0
+                self._wanted = next(self._leaves, 0)
+
+    @property
+    def value(self) -> float:
+        """The sum, once all values are told."""
+        if self._wanted:
+            raise ValueError(f"fewer than {self._n} values are told")
+        sums = iter(self._sums)
+
+        def added(count: int) -> float:
+            if count <= LEAF:
+                return next(sums) if count else 0.0
+            half = _half(count)
+            first = added(half)
+            return first + added(count - half)
+
+        return added(self._n)
+
+
+def _half(count: int) -> int:
+    half = count // 2
+    return half - half % 8
+
+
+def _leaves(count: int) -> Iterator[int]:
+    """Yield the lengths of the pieces that numpy is handed, in order."""
+    if count <= LEAF:
+        yield count
+        return
+    half = _half(count)
+    yield from _leaves(half)
+    yield from _leaves(count - half)
+
+
 def total(pieces: Iterable[Floats], n: int) -> float:
     """Return the sum of n values that come in pieces of any length: `np.sum` of them as one array, to the bit.
 
@@ -31,17 +101,10 @@ def total(pieces: Iterable[Floats], n: int) -> float:
     >>> bool(total((x[part] for part in parts(x.size, 777)), x.size) == np.sum(x))
     True
     """
-    values = _Taken(pieces)
-
-    def added(count: int) -> float:
-        if count <= LEAF:
-            return float(np.add.reduce(values.next(count)))
-        half = count // 2
-        half -= half % 8
-        first = added(half)
-        return first + added(count - half)
-
-    return added(n)
+    found = Total(n)
+    for piece in pieces:
+        found.add(piece)
+    return found.value
 
 
 def mean_square(piece: Callable[[slice], Floats], n: int) -> float:
@@ -58,6 +121,38 @@ def chosen(values: Floats, where: Bools) -> Iterator[Floats]:
 def some(values: Floats, where: Bools) -> Floats:
     """Return the values, (n,), at which `where` is True; those themselves where all are, as in most pieces."""
     return values if where.all() else values[where]
+
+
+def median_size(pieces: Callable[[], Iterable[Floats]]) -> float:
+    """Return the median of values of at least 0 that come in pieces, again at each call: `np.median`, to the bit.
+
+    The bits of such values are in the order of the values: sixteen of them at a time, those of the middle value are
+    found by counting. Nothing of the record's length is kept. NaN of none.
+
+    >>> x = np.abs(np.random.default_rng(0).standard_normal(10_000))
+    >>> median_size(lambda: (x[part] for part in parts(x.size, 777))) == float(np.median(x))
+    True
+    """
+    n = sum(piece.size for piece in pieces())
+    if not n:
+        return float("nan")
+    prefix, rank = 0, (n - 1) // 2
+    for shift in (48, 32, 16, 0):
+        counts = np.zeros(1 << 16, np.int64)
+        for piece in pieces():
+            bits = piece.view(np.uint64) >> np.uint64(shift)
+            if shift < 48:
+                bits = bits[bits >> np.uint64(16) == prefix]
+            counts += np.bincount((bits & np.uint64(0xFFFF)).astype(np.int64), minlength=counts.size)
+        upto = np.cumsum(counts)
+        found = int(np.searchsorted(upto, rank, side="right"))
+        rank -= int(upto[found - 1]) if found else 0
+        prefix = prefix << 16 | found
+    middle = float(np.array([prefix], np.uint64).view(np.float64)[0])
+    if n % 2 or rank + 1 < counts[found]:
+        return middle
+    above = min(float(rest.min()) for piece in pieces() if (rest := piece[piece > middle]).size)
+    return float(np.mean([middle, above]))
 
 
 def upper_quantile(pieces: Iterable[Floats], n: int, q: float) -> float:
@@ -82,21 +177,3 @@ def upper_quantile(pieces: Iterable[Floats], n: int, q: float) -> float:
     share = place - int(place)
     step = high - low
     return high - step * (1.0 - share) if share >= 0.5 else low + step * share
-
-
-class _Taken:
-    """Hands out values in pieces of the lengths that are asked for."""
-
-    def __init__(self, pieces: Iterable[Floats]) -> None:
-        self._pieces = iter(pieces)
-        self._rest = np.empty(0)
-
-    def next(self, count: int) -> Floats:
-        """Return the next values, as one array."""
-        found, held = [self._rest], self._rest.size
-        while held < count:
-            found.append(next(self._pieces))
-            held += found[-1].size
-        whole = found[-1] if held == found[-1].size else np.concatenate(found)
-        self._rest = whole[count:]
-        return whole[:count]

@@ -12,12 +12,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from friction_estimator.core import metrics
+from friction_estimator.core import metrics, series, sums
 from friction_estimator.core.fit.band import Curve
 from friction_estimator.core.model.load import LoadTerms
 from friction_estimator.core.online.replay import Replay
 from friction_estimator.core.quantities import FORCE, VELOCITY, Quantities
 from friction_estimator.core.sample import Bools, Floats, Samples
+from friction_estimator.core.series import Formed, Series
 from friction_estimator.report import style
 
 SHOWN_SAMPLES = 4000
@@ -97,7 +98,8 @@ def signals(replay: Replay, quantities: Quantities) -> Figure:
         # A start-up transient must not flatten everything else.
     reach = 1.15 * usual_size(samples.friction_N)
     axes[1, 0].set_ylim(-force * reach, force * reach)
-    error_reach = 4.0 * float(np.sqrt(np.mean(np.square(np.clip(replay.residual_N, -reach, reach)))))
+    left = replay.residual_N
+    error_reach = 4.0 * float(np.sqrt(sums.mean_square(lambda part: np.clip(left[part], -reach, reach), n)))
     if error_reach > 0.0:
         axes[2, 0].set_ylim(-force * error_reach, force * error_reach)
     labels = {"velocity": quantities.velocity, "friction": quantities.force, "measured - predicted": quantities.force}
@@ -108,10 +110,10 @@ def signals(replay: Replay, quantities: Quantities) -> Figure:
     return figure
 
 
-def usual_size(friction_N: Floats) -> float:
+def usual_size(friction_N: Series) -> float:
     """Return the largest friction but for rare spikes, N; above 0 unless all are 0."""
-    size = np.abs(friction_N)
-    return float(np.quantile(size, 0.999) or size.max())
+    size = series.sizes(friction_N)
+    return series.upper_quantile(size, 0.999) or series.ends(size)[1]
 
 
 def _excerpt_length(recording: Samples) -> int:
@@ -179,13 +181,16 @@ def friction_map(replay: Replay, quantities: Quantities) -> Figure:
     speed, force = quantities.value(1.0, VELOCITY), quantities.value(1.0, FORCE)
     figure = Figure(figsize=(10, 5.0))
     axes = figure.subplots()
-    measured = speed * samples.velocity_m_s, force * friction_alone(replay)
-    reach = 1.2 * usual_size(measured[1])
-    low, high = min(speed * v[0], measured[0].min()), max(speed * v[-1], measured[0].max())
+    alone = friction_alone(replay)
+    velocity = Formed(alone.size, lambda part: speed * samples.velocity_m_s[part])
+    friction = Formed(alone.size, lambda part: force * alone[part])
+    reach = 1.2 * usual_size(friction)
+    slowest, fastest = series.ends(velocity)
+    low, high = min(speed * v[0], slowest), max(speed * v[-1], fastest)
     margin = 0.02 * (high - low) or 1e-3
     axes.set_xlim(low - margin, high + margin)
     axes.set_ylim(-reach, reach)
-    handles: list[Artist] = [_density(axes, *measured, (low - margin, high + margin), reach)]
+    handles: list[Artist] = [_density(axes, velocity, friction, (low - margin, high + margin), reach)]
     inside = supported(curve, replay.curve)
     for where, colour, alpha, label in (
         (inside, style.LEARNED, 0.22, "95 % band"),
@@ -228,18 +233,17 @@ def friction_map(replay: Replay, quantities: Quantities) -> Figure:
     return figure
 
 
-def _density(axes: Axes, velocity: Floats, friction: Floats, span: tuple[float, float], reach: float) -> Patch:
+def _density(axes: Axes, velocity: Series, friction: Series, span: tuple[float, float], reach: float) -> Patch:
     """Draw how many samples, (n,) each, lie where, the more the darker; return what stands for them in the legend."""
-    seen = (np.abs(friction) <= reach) & np.isfinite(velocity)
     across, along = DENSITY_CELLS
     fewer = min(1.0, max(0.5, np.sqrt(velocity.size / 20_000)))
     cells = (int(across * fewer), int(along * fewer))
-    count, x, y = np.histogram2d(
-        velocity[seen],
-        friction[seen],
-        bins=cells,
-        range=(span, (-reach, reach)),
-    )
+    count = np.zeros(cells)
+    for part in sums.parts(velocity.size):
+        speed, force = velocity[part], friction[part]
+        seen = (np.abs(force) <= reach) & np.isfinite(speed)
+        more, x, y = np.histogram2d(speed[seen], force[seen], bins=cells, range=(span, (-reach, reach)))
+        count += more
     shown = np.ma.masked_equal(count.T, 0)
     norm = LogNorm(1, max(2.0, count.max()))
     drawn = axes.pcolormesh(x, y, shown, cmap=style.DENSITY, norm=norm, zorder=1, rasterized=True)
@@ -250,14 +254,15 @@ def _density(axes: Axes, velocity: Floats, friction: Floats, span: tuple[float, 
     return Patch(color=style.DENSITY(0.5), label="measured")
 
 
-def friction_alone(replay: Replay) -> Floats:
+def friction_alone(replay: Replay) -> Series:
     """Return the measured friction without the load learned beside it, (n,), N: what a curve is held against."""
     terms = LoadTerms(replay.estimator.config)
     if not terms.size or not replay.loads:
         return replay.samples.friction_N
     values = {load.term: load.value for load in replay.loads}
     weights = np.array([values.get(part.label, 0.0) for part in terms.unknown]) / terms.scales
-    return np.asarray(replay.samples.friction_N - terms.force_N(replay.samples, weights), np.float64)
+    samples = replay.samples
+    return Formed(len(samples), lambda part: samples.friction_N[part] - terms.force_N(samples[part], weights))
 
 
 def supported(outlook: Curve, curve: Curve) -> Bools:
@@ -300,7 +305,7 @@ def taps(replay: Replay) -> Figure:
     blocks = [("taps behind g", [p.fir_taps for p in replay.snapshots])]
     if replay.parameters.theory_taps.size:
         blocks.append(("taps behind the theoretical curve", [p.theory_taps for p in replay.snapshots]))
-    seconds = replay.time_s[replay.snapshot_index]
+    seconds = series.at(replay.time_s, np.array(replay.snapshot_index, np.int64))
     figure = Figure(figsize=(10, 2.6 * len(blocks)))
     axes = figure.subplots(len(blocks), 2, squeeze=False, width_ratios=(2, 1))
     for row, (title, history) in enumerate(blocks):

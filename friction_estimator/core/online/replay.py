@@ -23,6 +23,7 @@ from friction_estimator.core.online.run import Run
 from friction_estimator.core.online.shortcomings import InMotion, Judgement, Shortcoming, in_motion, shortcomings
 from friction_estimator.core.quantities import FORCE, Quantities
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Samples, joined
+from friction_estimator.core.series import Formed, RunningTime, Series
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.setting import Value
 
@@ -123,18 +124,16 @@ class Replay:
         return self.estimator.parameters
 
     @property
-    def residual_N(self) -> Floats:
+    def residual_N(self) -> Series:
         """Measured minus predicted, (n,), N."""
-        return self.samples.friction_N - self.predicted_N
+        measured, predicted = self.samples.friction_N, self.predicted_N
+        return Formed(predicted.size, lambda part: measured[part] - predicted[part])
 
-    @property
-    def time_s(self) -> Floats:
+    @cached_property
+    def time_s(self) -> Series:
         """Running time, (n,), s: each recording follows the one before after a usual step; no clock jump counts."""
-        step = np.diff(self.samples.stamp_ns, prepend=self.samples.stamp_ns[:1])
-        step[step < 0] = 0
-        rate = self.samples.sample_rate_hz
-        step[list(self.starts[1:])] = round(NS_PER_S / rate) if np.isfinite(rate) else 0
-        return np.asarray(np.cumsum(step) / NS_PER_S, np.float64)
+        rate = self.record.sample_rate_hz
+        return RunningTime(self.samples.stamp_ns, self.starts, round(NS_PER_S / rate) if np.isfinite(rate) else 0)
 
     @cached_property
     def baseline_curves(self) -> dict[str, StaticCurve]:

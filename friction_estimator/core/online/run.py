@@ -35,6 +35,7 @@ class Run:
     freeze_after, total : learn on this first fraction of so many samples only; None learns throughout, and needs no
         total.
     advance : told the number of samples just done.
+    told : is told the predictions, (m,) N, as they come: none is kept then.
 
     Attributes
     ----------
@@ -55,6 +56,7 @@ class Run:
         freeze_after: float | None = None,
         total: int = 0,
         advance: Callable[[int], None] = lambda _: None,
+        told: Callable[[Floats], None] | None = None,
     ) -> None:
         if freeze_after is not None and not 0.0 <= freeze_after <= 1.0:
             raise ConfigError(f"freeze-after is {freeze_after:g}: give the fraction of the record to learn on, 0 to 1")
@@ -63,6 +65,8 @@ class Run:
         self._extension, self._advance = extension, advance
         self._share, self._total = freeze_after, total
         self._predicted = Column(np.float64)
+        self._take = told or self._predicted.extend
+        self._done = 0
         self._spread = Column(np.float64) if deviation else None
         self._begins: list[int] = []
         self._seen = 0
@@ -116,7 +120,10 @@ class Run:
             self._meet(met, ended=True)
 
     def finish(self) -> tuple[Floats, Floats | None]:
-        """Return predictions and their standard deviations, (n,) N each: no sample will follow."""
+        """Return predictions and their standard deviations, (n,) N each: no sample will follow.
+
+        Predictions that were told are not among them.
+        """
         if self._contact is None:
             self._meet(self._first.finish(), ended=False)
         self._note()
@@ -136,7 +143,7 @@ class Run:
         edges = [*starts] if until is None else [*starts, until]
         done = 0
         while done < len(samples):
-            at = len(self._predicted)
+            at = self._done
             end = min(at + min(len(samples) - done, BLOCK), at - at % self._step + self._step)
             end = min([end, *(edge for edge in edges if at < edge)])
             part = samples[done : done + end - at]
@@ -144,7 +151,8 @@ class Run:
             begin = time.perf_counter() - COMPILATION.seconds
             predicted = estimator.run(part, until is None or at < until, spread)
             self.seconds += time.perf_counter() - COMPILATION.seconds - begin
-            self._predicted.extend(predicted)
+            self._take(predicted)
+            self._done = end
             if self._spread is not None and spread is not None:
                 self._spread.extend(spread)
             done += len(part)
@@ -155,8 +163,8 @@ class Run:
 
     def _note(self) -> None:
         """Take a snapshot behind the last sample predicted."""
-        if len(self._predicted):
-            self.snapshots.setdefault(len(self._predicted) - 1, self.estimator.parameters)
+        if self._done:
+            self.snapshots.setdefault(self._done - 1, self.estimator.parameters)
 
     def _thin(self, starts: list[int]) -> None:
         if len(self.snapshots) > SNAPSHOTS + len(starts):

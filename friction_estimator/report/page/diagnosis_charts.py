@@ -112,11 +112,11 @@ def _pair(
             across.label, f"left {word} ({q.force})", 260, x_range=shared_x, y_range=shared_y, name=f"{word}_left"
         )
         if ends[1] > ends[0]:
-            curves.counted(target, x, y, ends, (-edge, edge))
+            curves.counted(target, curves.Points(x, y), ends, (-edge, edge))
             name = "theory" if word == "before" else "predicted"
-            drawn = curves.mean_line(target, curves.binned(x, y, bins), name, f"mean, {word}")
+            drawn = curves.mean_line(target, curves.binned(curves.Points(x, y), bins), name, f"mean, {word}")
             if word == "before":
-                off = curves.binned(x, before - after, bins)
+                off = curves.binned(curves.Points(x, before - after), bins)
                 look.line(target, off.at, off.mean, "text", "what the effect takes off", line_dash="dashed")
             look.hover(target, [drawn], [(across.label, "@x{0.0000}"), ("mean", f"@y{{0.0000}} {q.force}")], "vline")
         panels.append(target)

@@ -11,7 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from friction_estimator.core import series, sums
 from friction_estimator.core.sample import Bools, Floats, Ints
+from friction_estimator.core.series import Series
 
 FINEST = 40_000
 """Rows of the finest table: sixteen times as many as a wide screen has pixels, and 1 MB."""
@@ -49,7 +51,7 @@ class Table:
     samples_per_row: int
 
 
-def piece(time_s: Floats, signals: Mapping[str, Floats], gap: Bools, part: slice) -> Table:
+def piece(time_s: Series, signals: Mapping[str, Series], gap: Bools, part: slice) -> Table:
     """Return samples as they are, as single-precision floats."""
     columns: dict[str, NDArray[np.generic]] = {"time_s": time_s[part], "gap": gap[part].astype(np.uint8)}
     for name, values in signals.items():
@@ -57,7 +59,7 @@ def piece(time_s: Floats, signals: Mapping[str, Floats], gap: Bools, part: slice
     return Table(columns, {}, 1)
 
 
-def table(time_s: Floats, signals: Mapping[str, Floats], gap: Bools, rows: int = FINEST) -> Table:
+def table(time_s: Series, signals: Mapping[str, Series], gap: Bools, rows: int = FINEST) -> Table:
     """Return the extremes of a recording's signals in about `rows` rows, none of which reaches over a gap.
 
     Parameters
@@ -74,15 +76,29 @@ def table(time_s: Floats, signals: Mapping[str, Floats], gap: Bools, rows: int =
     """
     count = -(-time_s.size // rows)
     edges = np.union1d(np.arange(0, time_s.size, count), np.flatnonzero(gap))
-    columns: dict[str, NDArray[np.generic]] = {"time_s": time_s[edges], "gap": gap[edges].astype(np.uint8)}
+    columns: dict[str, NDArray[np.generic]] = {"time_s": series.at(time_s, edges), "gap": gap[edges].astype(np.uint8)}
     steps = {}
     for name, values in signals.items():
-        low, high = np.fmin.reduceat(values, edges), np.fmax.reduceat(values, edges)
+        low, high = _extremes(values, edges)
         zero, step = _steps(low, high)
         steps[name] = (zero, step)
         columns[f"{name}_low"] = _stepped(low, zero, step, np.floor)
         columns[f"{name}_high"] = _stepped(high, zero, step, np.ceil)
     return Table(columns, steps, count)
+
+
+def _extremes(values: Series, edges: Ints) -> tuple[Floats, Floats]:
+    """Return the lowest and the highest value from each edge to the next, and from the last to the end."""
+    low, high = np.empty(edges.size), np.empty(edges.size)
+    first = 0
+    while first < edges.size:
+        # As many rows as come in a block of samples, and one at the least.
+        last = max(first + 1, int(np.searchsorted(edges, edges[first] + sums.BLOCK)))
+        end = int(edges[last]) if last < edges.size else values.size
+        part, rows = values[int(edges[first]) : end], edges[first:last] - edges[first]
+        low[first:last], high[first:last] = np.fmin.reduceat(part, rows), np.fmax.reduceat(part, rows)
+        first = last
+    return low, high
 
 
 def _steps(low: Floats, high: Floats) -> tuple[float, float]:
@@ -99,11 +115,11 @@ def _stepped(values: Floats, zero: float, step: float, rounded: "np.ufunc") -> N
     return np.where(finite, whole, MISSING).astype(np.int16)
 
 
-def gaps(time_s: Floats, restart: Bools) -> Bools:
+def gaps(time_s: Series, restart: Bools) -> Bools:
     """Return where a line must be interrupted, (n,): at restarts; at the longest gaps only where there are too many."""
     places: Ints = np.flatnonzero(restart)
     if places.size > MOST_BREAKS:
-        step = np.diff(time_s, prepend=time_s[:1])[places]
+        step = series.at(time_s, places) - series.at(time_s, np.maximum(places - 1, 0))
         places = places[np.argsort(-step, kind="stable")[:MOST_BREAKS]]
     out = np.zeros(time_s.size, np.bool_)
     out[places] = True

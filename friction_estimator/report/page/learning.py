@@ -4,7 +4,7 @@ import numpy as np
 from bokeh.layouts import column
 from bokeh.models import ColumnDataSource, Span, UIElement
 
-from friction_estimator.core import metrics
+from friction_estimator.core import metrics, series, sums
 from friction_estimator.core.online.replay import Replay
 from friction_estimator.core.quantities import FORCE, Quantities
 from friction_estimator.core.sample import Floats
@@ -37,8 +37,9 @@ def _errors(result: Replay, q: Quantities) -> UIElement:
         ("always the mean", spread, "known", "dotdash"),
     ]
     if "coulomb_viscous" in result.baseline_curves:
-        known = result.baseline_curves["coulomb_viscous"].evaluate(samples.velocity_m_s)
-        rms = float(np.sqrt(np.mean(np.square(samples.friction_N - known))))
+        known = result.baseline_curves["coulomb_viscous"].over(samples.velocity_m_s)
+        power = sums.mean_square(lambda part: samples.friction_N[part] - known(part), len(samples))
+        rms = float(np.sqrt(power))
         levels.insert(2, ("Coulomb and viscous, fitted", rms, "known", "solid"))
     shown = [(word, float(q.value(level, FORCE)), name, dash) for word, level, name, dash in levels if level > 0.0]
     values = np.array([*errors[np.isfinite(errors) & (errors > 0.0)], *(level for _, level, _, _ in shown)])
@@ -73,7 +74,7 @@ def taps(result: Replay, title: str, values: list[Floats], behind: str) -> Chart
         title,
         f"Weights of the present and the past samples of {behind}. A single 1 at lag 0 is no memory at all: the "
         f"friction follows at once. Weights at later lags are lag, delay or smoothing.{one}",
-        lambda: _taps(result.time_s[result.snapshot_index], np.array(values)),
+        lambda: _taps(series.at(result.time_s, np.array(result.snapshot_index, np.int64)), np.array(values)),
     )
 
 

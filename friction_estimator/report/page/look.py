@@ -23,6 +23,7 @@ from bokeh.plotting import figure
 
 from friction_estimator.core.quantities import Quantities
 from friction_estimator.core.sample import Floats, Ints
+from friction_estimator.core.series import Formed, Series
 
 Plot: TypeAlias = figure
 
@@ -56,6 +57,11 @@ return far ? tick.toExponential(0) : String(+tick.toPrecision(3));
 def in_units(q: Quantities, values: Floats, unit: str) -> Floats:
     """Return values in SI units as the reader's; `unit` is that of a linear drive."""
     return values * q.value(1.0, unit)
+
+
+def shown(q: Quantities, values: Series, unit: str) -> Series:
+    """Return the same of a series."""
+    return Formed(values.size, lambda part: in_units(q, values[part], unit))
 
 
 def readable_ticks(low: float, high: float) -> list[float]:

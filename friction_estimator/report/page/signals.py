@@ -8,9 +8,10 @@ import numpy as np
 from bokeh.layouts import column
 from bokeh.models import ColumnDataSource, CustomJS, Range1d, Span, UIElement
 
-from friction_estimator.core import metrics
+from friction_estimator.core import metrics, series
 from friction_estimator.core.quantities import FORCE, VELOCITY, Quantities
 from friction_estimator.core.sample import Bools, Floats
+from friction_estimator.core.series import Formed, Series
 from friction_estimator.report.page import envelope, look
 from friction_estimator.report.page.content import Chart
 
@@ -22,7 +23,7 @@ CLOSE = 8192
 
 @dataclass(frozen=True)
 class Signals:
-    """What is drawn over time, arrays of one length n, SI units.
+    """What is drawn over time, series of one length n, SI units.
 
     Attributes
     ----------
@@ -34,18 +35,18 @@ class Signals:
     marks : (time, s; word) of what happens in between.
     """
 
-    time_s: Floats
+    time_s: Series
     restart: Bools
-    velocity_m_s: Floats
-    measured_N: Floats
-    predicted: Mapping[str, Floats]
-    residual: Mapping[str, Floats]
-    deviation_N: Floats | None = None
+    velocity_m_s: Series
+    measured_N: Series
+    predicted: Mapping[str, Series]
+    residual: Mapping[str, Series]
+    deviation_N: Series | None = None
     close: Mapping[str, slice] = field(default_factory=dict)
     marks: Sequence[tuple[float, str]] = ()
 
 
-def cycles_of(velocity_m_s: Floats, error_N: Floats, parts: Sequence[slice], worst: str = "worst") -> dict[str, slice]:
+def cycles_of(velocity_m_s: Floats, error_N: Series, parts: Sequence[slice], worst: str = "worst") -> dict[str, slice]:
     """Return the first, the worst and the last drive cycle (tenths of the record where it has no cycles).
 
     `worst` is what the one with the largest error is called.
@@ -58,10 +59,12 @@ def cycles_of(velocity_m_s: Floats, error_N: Floats, parts: Sequence[slice], wor
         found += [slice(part.start + one.start, part.start + one.stop) for one in inside]
     if not found:
         return {}
+
+    def power_of(error: Floats) -> float:
+        return float(np.nanmean(np.square(error)) if np.isfinite(error).any() else 0.0)
+
     with np.errstate(invalid="ignore", over="ignore"):
-        power = [
-            float(np.nanmean(np.square(error_N[one])) if np.isfinite(error_N[one]).any() else 0.0) for one in found
-        ]
+        power = [power_of(error_N[one]) for one in found]
     word = "cycle" if any(metrics.drive_cycles(velocity_m_s[part]) for part in parts) else "tenth"
     return {f"first {word}": found[0], f"{worst} {word}": found[int(np.argmax(power))], f"last {word}": found[-1]}
 
@@ -73,30 +76,43 @@ def chart(
 
     `rows` are those of the table of the whole, `close` the samples of a piece at the most: what the page has room for.
     """
-    jumps = [
-        (name, float(signals.time_s[part.start]), float(signals.time_s[part.stop - 1]))
-        for name, part in signals.close.items()
-    ]
+    jumps = []
+    for name, part in signals.close.items():
+        begin, end = (float(signals.time_s[k : k + 1][0]) for k in (part.start, part.stop - 1))
+        jumps.append((name, begin, end))
     return Chart(title, caption, lambda: _build(signals, q, rows, close), explorer=True, jumps=jumps)
 
 
-def _columns(signals: Signals, q: Quantities) -> dict[str, Floats]:
+def _columns(signals: Signals, q: Quantities) -> dict[str, Series]:
     """Return every line in the reader's units, by the name that the page's script knows."""
-    usual = float(np.quantile(np.abs(signals.measured_N), 0.999)) or 1.0
-    out = {
-        "velocity": look.in_units(q, signals.velocity_m_s, VELOCITY),
-        "measured": look.in_units(q, signals.measured_N, FORCE),
+    usual = series.upper_quantile(series.sizes(signals.measured_N), 0.999) or 1.0
+
+    def force(values: Series) -> Series:
+        return look.shown(q, Formed(values.size, lambda part: envelope.readable(values[part], usual)), FORCE)
+
+    out: dict[str, Series] = {
+        "velocity": look.shown(q, signals.velocity_m_s, VELOCITY),
+        "measured": look.shown(q, signals.measured_N, FORCE),
     }
     names = list(signals.predicted)
     for number, name in enumerate(names):
         end = "" if number == len(names) - 1 else f"_{number}"
-        out[f"predicted{end}"] = look.in_units(q, envelope.readable(signals.predicted[name], usual), FORCE)
-        out[f"residual{end}"] = look.in_units(q, envelope.readable(signals.residual[name], usual), FORCE)
+        out[f"predicted{end}"] = force(signals.predicted[name])
+        out[f"residual{end}"] = force(signals.residual[name])
     if signals.deviation_N is not None:
-        half = NORMAL_95 * envelope.readable(signals.deviation_N, usual)
         for name, sign in (("band_low", -1.0), ("band_high", 1.0)):
-            out[name] = out["predicted"] + sign * look.in_units(q, half, FORCE)
+            out[name] = _edge(out["predicted"], signals.deviation_N, sign, usual, q)
     return out
+
+
+def _edge(middle: Series, deviation_N: Series, sign: float, usual: float, q: Quantities) -> Series:
+    """Return an edge of the 95 % band about a line, in the reader's units."""
+
+    def of(part: slice) -> Floats:
+        half = NORMAL_95 * envelope.readable(deviation_N[part], usual)
+        return middle[part] + sign * look.in_units(q, half, FORCE)
+
+    return Formed(middle.size, of)
 
 
 def _build(signals: Signals, q: Quantities, rows: int, most: int) -> UIElement:
@@ -114,7 +130,7 @@ def _build(signals: Signals, q: Quantities, rows: int, most: int) -> UIElement:
         for one in tables
     ]
     shown = ColumnDataSource({name: np.zeros(0) for name in ("time_s", *columns)}, name="shown")
-    time = Range1d(float(signals.time_s[0]), float(signals.time_s[-1]) or 1.0, name="time")
+    time = Range1d(float(signals.time_s[:1][0]), float(signals.time_s[-1:][0]) or 1.0, name="time")
     panels = [
         _panel("velocity", f"velocity ({q.velocity})", 170, time),
         _panel("friction", f"friction ({q.force})", 300, time),

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from friction_estimator.core import metrics
+from friction_estimator.core import metrics, sums
 from friction_estimator.core.fit.frozen_score import CURVES, FrozenScore
 from friction_estimator.core.online.replay import Replay
 from friction_estimator.core.online.shortcomings import GOOD_NRMSE, ONE_DIRECTION
@@ -62,8 +62,9 @@ def errors_at_the_end(result: Replay) -> Errors:
     rivals = {"persistence": rms(np.diff(measured)[follows])}
     if result.theory_in is not None:
         rivals["theory"] = rms(measured - result.theory_in(part))
-    known = samples.friction_N[result.learned] if result.learned.any() else samples.friction_N
-    rivals["mean"] = rms(measured - np.mean(known))
+    known = result.learned if result.learned.any() else np.broadcast_to(np.bool_(True), result.learned.shape)
+    count = int(np.count_nonzero(known))
+    rivals["mean"] = rms(measured - sums.total(sums.chosen(samples.friction_N, known), count) / count)
     if "coulomb_viscous" in result.baseline_curves:
         curve = result.baseline_curves["coulomb_viscous"]
         rivals["coulomb_viscous"] = rms(measured - curve.evaluate(samples.velocity_m_s[part]))
@@ -91,7 +92,7 @@ def trust(
     """
     found = [
         *_ending(result, q, fitted, diverged),
-        *_elsewhere(scores, q, metrics.spread(result.samples.friction_N[result.learned])),
+        *_elsewhere(scores, q, metrics.spread(result.samples.friction_N, result.learned)),
         *_theory(result),
         *_direction(result, q),
         *_covered(result, q),
