@@ -13,6 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from distributed import Client
 from measure import PROGRAM, ROOT, Cost, child, columns, in_turn, part
 
 sys.path.append(str(ROOT / "test"))
@@ -80,7 +81,10 @@ def measured(rounds: int, seconds: int, settings: int, fleet: int) -> dict[str, 
         counts = [fleet >> k for k in (3, 2, 1) if fleet >> k > 0]
         (folder / "dask").mkdir()
         with cluster(folder / "dask", DASK_WORKERS) as (address, _):
-            Verb(["diagnose", *short[:DASK_WORKERS], "--each"], folder).on("--scheduler", address)()  # fills the caches
+            with Client(address) as client:
+                client.wait_for_workers(DASK_WORKERS)
+            for verb in verbs.values():  # each worker loads what it needs
+                verb.on("--scheduler", address)()
             measurements = {}
             for name, verb in verbs.items():
                 measurements |= {(name, workers): verb.on("--workers", str(workers)) for workers in WORKERS}

@@ -13,6 +13,7 @@ from types import TracebackType
 from typing import Any
 
 from friction_estimator.core.errors import InputError
+from friction_estimator.core.memory import kept
 from friction_estimator.core.text import LONGEST_NAME, shown
 from friction_estimator.tasks import identity
 from friction_estimator.tasks.task import LOST, Done, Failure, Task, attempt
@@ -170,4 +171,5 @@ def _compute(code: str, function: Callable[..., Any], arguments: tuple[Any, ...]
             f"the worker on {where} may use several threads for linear algebra, which changes last bits: start it with "
             f"{'=1 '.join(VARIABLES)}=1, which `dask worker` itself sets unless it is told --no-nanny"
         )
-    return attempt(function, arguments)
+    with kept():
+        return attempt(function, arguments)
