@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_records import names, record
+from diagnosis_records import names, record, set_of
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import Capacity
@@ -77,6 +77,26 @@ def test_a_cause_that_resembles_another_form_of_a_trait_is_named_beside_it(hidde
     name = hidden.split(":")[0]
     both = {n: EFFECTS[n] for n in (trait, name)}
     assert names(diagnose([record([hidden], plant=plant, noise=noise)], Config(), catalogue=both)) == [trait, name]
+
+
+@pytest.mark.parametrize("psi", [(50.0, 200.0), (50.0, 100.0, 200.0)])
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        "viscosity_drift:size=0.02",
+        "viscosity_drift:size=0.04,time_constant=15",
+        "pressure_dependence:size=0.04",
+        "pressure_dependence:size=0.04,form=1",
+    ],
+)
+def test_a_slow_change_that_goes_on_within_each_pressure_is_no_matter_of_the_pressure(hidden, psi) -> None:
+    """With pressures in one order either is in the other's set."""
+    segments = tuple(segment(t, p, s) for p in psi for t, s in ((1.0, 10.0), (5.0, 15.0)))
+    name = hidden.split(":")[0]
+    both = {n: EFFECTS[n] for n in ("viscosity_drift", "pressure_dependence")}
+    (one,) = diagnose([record([hidden], segments=segments)], Config(), catalogue=both).effects
+    assert one.name == name
+    assert set_of(one) == set(both)
 
 
 def test_bristles_that_never_slip_are_no_presliding() -> None:

@@ -199,6 +199,14 @@ def test_noise_of_a_channel_is_no_larger_than_the_channel() -> None:
     assert EFFECTS["velocity_noise"].detect(steep) is None
 
 
+@pytest.mark.parametrize("hidden", ["", "velocity_noise:size=0.01", "pressure_noise:size=0.01"])
+def test_noise_of_a_channel_is_held_against_what_does_not_repeat(hidden: str) -> None:
+    """Bristles have hundreds of times its power, and no name yet when channels are looked at."""
+    effects = tuple(parse_effect(e) for e in [hidden] if e)
+    made = simulate(Scenario(ABBA, plant="maxwell_slip", rate_hz=200.0, noise=0.02, seed=3, effects=effects))
+    assert [f.name for f in found(made.samples)] == [e.name for e in effects]
+
+
 @pytest.mark.parametrize("deviation", [1e-6, 1e-2, 1e3])
 def test_noise_under_a_smooth_channel_is_measured_at_every_scale(deviation: float) -> None:
     time = np.arange(20_000) * 0.005

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from friction_estimator.core.sample import Floats
+from friction_estimator.diagnosis.any_pressure import AnyPressure
 from friction_estimator.diagnosis.base_problem import BaseProblem
 from friction_estimator.diagnosis.capacity import UnlikeMemories
 from friction_estimator.diagnosis.forms import OtherForms, power_N2
@@ -121,7 +122,7 @@ class Candidates:
         self._settled: dict[tuple[int, str], list[tuple[float, dict[str, float]]]] = {}
         self._kept: list[Model] = []
         self._estimates: dict[int, list[dict[str, Estimate]]] = {}
-        self._lacks: dict[tuple[int, type[UnlikeMemories | OtherForms]], LackOfFit] = {}
+        self._lacks: dict[tuple[int, type[UnlikeMemories | OtherForms | AnyPressure]], LackOfFit] = {}
 
     def base(self) -> Model:
         """Return the base model alone."""
@@ -330,7 +331,11 @@ class Candidates:
             return one.saved_N2 > one.held_N2 or lack.beside(force_N) >= TIME_BESIDE_FORMS * one.gain
         return lack.is_less(force_N, one.gain, CLEARLY if ample else 0.0)
 
-    def _beside(self, model: Model, columns: type[UnlikeMemories | OtherForms]) -> LackOfFit:
+    def within_pressures(self, model: Model, one: Candidate, least_N2: float) -> bool:
+        """Return whether an effect brings as much as this beside any dependence on the recorded pressure."""
+        return self._beside(model, AnyPressure).beside(one.model.joint.parts_N[-1]) >= least_N2
+
+    def _beside(self, model: Model, columns: type[UnlikeMemories | OtherForms | AnyPressure]) -> LackOfFit:
         """Return what these columns explain beside a model; they are kept for the last model alone, for their size."""
         key = id(model), columns
         if key not in self._lacks:

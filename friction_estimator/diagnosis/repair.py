@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from friction_estimator.core.errors import UnanswerableError
-from friction_estimator.core.sample import Bools, Floats
+from friction_estimator.core.sample import Bools, Floats, Ints
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base import BaseFit, fit_base, reference_of
 from friction_estimator.diagnosis.floor import pairs
@@ -47,13 +47,14 @@ def repaired(
     """
     record, found = raw, list[Fault]()
     fit: BaseFit | None = None
+    paired: tuple[Ints, Ints] | None = None
     for stage in ("motion", "force", "residual"):
         for cls in catalogue.values():
             if cls.detects_at != stage:
                 continue
             if fit is None and stage != "motion":
-                fit = fit_base(record, config)
-            fault = cls.detect(view_of(record, context, found, fit, config))
+                fit, paired = fit_base(record, config), pairs(record)
+            fault = cls.detect(replace(view_of(record, context, found, fit, config), pairs=paired))
             if fault is None:
                 continue
             found.append(fault)

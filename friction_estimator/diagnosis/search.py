@@ -1,6 +1,6 @@
 """The search for causes: screen, gate, compare by joint refit, look one cause ahead where two come close."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
 from friction_estimator.core.settings.config import Config
@@ -305,12 +305,7 @@ class Searcher:
         if not fits:
             return None
         best = plainest(max(fits.values(), key=lambda c: c.gain), list(fits.values()))
-        # A recorded variable that changed is preferred to an unrecorded cause that would have had to change with it.
-        if self.ordered and best.effect.acts == SLOW:
-            for one in fits.values():
-                enough = one.gain > MEASURED_SHARE * best.gain and self._enough(model, one, causes)
-                if one.effect.recorded and enough:
-                    best = one
+        best = self._measured(model, best, list(fits.values()), causes)
         best = self.fits.resettled(model, self._ahead(self.fits.shaped(model, best), fits, plain))
         found = alike(view.evidence, view.library, best.model.joint.parts_N[-1], CONTENDER)
         for name in [n for n in closest(found, SET_ERRORS, SET_SHARE) if n not in plain and n not in out][:MOST_ALIKE]:
@@ -328,6 +323,21 @@ class Searcher:
         close = sorted((c for c in fits.values() if c.gain > CLOSE * best.gain), key=lambda c: -c.gain)
         behind = {c.name: best.gain - c.gain for c in close if c.name != best.name and not needs_memory(best, c)}
         return best, tuple(dict.fromkeys([*(c.name for c in same), *self._by_design(best.effect)])), behind
+
+    def _measured(self, model: Model, best: Candidate, others: Sequence[Candidate], causes: list[Cause]) -> Candidate:
+        """Return the recorded cause, where the best one would have had to change with it.
+
+        Where the pressures come in one order a slow change may be theirs; one that goes on within each of them is not.
+        A model that still misses as much as that says nothing of it.
+        """
+        if not self.ordered or best.effect.acts != SLOW:
+            return best
+        least = max(_later_N2(model), self._left(best.model))
+        for one in others:
+            enough = one.gain > MEASURED_SHARE * best.gain and self._enough(model, one, causes)
+            if one.effect.recorded and enough and not self.fits.within_pressures(model, best, least):
+                return one
+        return best
 
     def _ahead(self, best: Candidate, fits: Mapping[str, Candidate], plain: Mapping[str, Candidate]) -> Candidate:
         """Return the candidate that explains most together with the cause that would come after it.

@@ -9,11 +9,11 @@ from friction_estimator.core.quantities import POSITION, VELOCITY, quantity
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import Effect, Key, Words, effect, form_key
 from friction_estimator.effects.detection import COMPLETELY, DIVIDED, SMOOTHED, DataView, Fault
-from friction_estimator.effects.scatter import MAD, SMOOTHING, held_levels, noise_under, smoothed
+from friction_estimator.effects.scatter import MAD, SMOOTHING, held_levels, noise_under, smoothed, unrepeated_N2
 from friction_estimator.effects.trace import Trace
 
 LEAST_SHARE = 0.004
-"""Of the error power: noise of a channel that makes less of it is not worth a name."""
+"""Of the power of what does not repeat in the error: noise of a channel that makes less of it is not worth a name."""
 
 MISMATCH = 0.02
 """Relative difference of velocity and position's derivative that counts: what scale factors of encoders differ by."""
@@ -230,7 +230,7 @@ class VelocityNoise(Effect):
 
     @classmethod
     def detect(cls, view: DataView) -> Fault | None:
-        """Compare the noise under the velocity, through dF/dv, with the error of the base model."""
+        """Compare the noise under the velocity, through dF/dv, with what does not repeat of the base model's error."""
         v = view.features.velocity_m_s
         found = noise_under(v, view.restart)
         if found is None or view.force_slope is None or view.residual_N is None:
@@ -239,7 +239,7 @@ class VelocityNoise(Effect):
         if deviation > NOISE_SHARE * float(np.sqrt(np.mean(np.square(v)))):
             return None
         power = deviation**2 * float(np.mean(np.square(view.force_slope[view.used])))
-        if power < LEAST_SHARE * float(np.mean(np.square(view.residual_N[view.used]))):
+        if power < LEAST_SHARE * unrepeated_N2(view):
             return None
         return Fault(
             cls.name,
@@ -291,7 +291,7 @@ class PressureNoise(Effect):
 
     @classmethod
     def detect(cls, view: DataView) -> Fault | None:
-        """Compare the noise under the pressure, through dF/dp, with the error of the base model."""
+        """Compare the noise under the pressure, through dF/dp, with what does not repeat of the base model's error."""
         pressure = view.samples.pressure_Pa
         if pressure is None or "pressure" not in view.context.channels:
             return None
@@ -300,7 +300,7 @@ class PressureNoise(Effect):
             return None
         deviation, low, high = found
         power = deviation**2 * float(np.mean(np.square(view.pressure_slope[view.used])))
-        if power < LEAST_SHARE * float(np.mean(np.square(view.residual_N[view.used]))):
+        if power < LEAST_SHARE * unrepeated_N2(view):
             return None
         return Fault(
             cls.name,

@@ -126,6 +126,20 @@ def noise_under(values: Floats, restart: Bools, blocks: int = 12) -> tuple[float
     return deviation, deviation - reach, deviation + reach
 
 
+def unrepeated_N2(view: DataView) -> float:
+    """Return the power of what does not repeat from cycle to cycle in the residual of a view, N^2.
+
+    Where no pairs of samples were sought, or too few found, that of the whole residual.
+    """
+    assert view.residual_N is not None
+    if view.pairs is not None:
+        first, second = view.pairs
+        both = view.used[first] & view.used[second]
+        if np.count_nonzero(both) >= FEWEST_DIFFERENCES:
+            return 0.5 * float(np.mean(np.square(view.residual_N[first[both]] - view.residual_N[second[both]])))
+    return float(np.mean(np.square(view.residual_N[view.used])))
+
+
 def noise_power(third: Floats) -> float:
     """Return the variance of the noise under third differences.
 
