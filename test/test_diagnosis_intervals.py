@@ -1,5 +1,7 @@
 """Intervals hold what chance, another form of the cause, and what no cause explains can make of a quantity."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from diagnosis_records import abba, record
@@ -55,6 +57,19 @@ def test_no_variance_is_below_nothing_however_alike_two_columns_are(apart: float
     known = Curvature(evidence, np.linalg.inv(hessian + np.diag(1e-10 * np.diag(hessian)))).covariance()
     assert np.all(np.diag(known) >= 0.0)
     assert np.all(np.diag(known) < 1e3 / apart**2)
+
+
+def test_what_no_sample_tells_has_no_interval_and_spoils_no_other() -> None:
+    """A column that is zero wherever samples are used: its variance was infinite, and times zero it was NaN in all."""
+    terms = Term(EFFECTS["bias_step"], {"at": 40.0}), Term(EFFECTS["inertia"], {})
+    joint, data, context = fitted(["inertia:mass=0.5"], *terms)
+    before = replace(data, used=data.used & (data.features.time_s < 30.0))
+    with np.errstate(all="raise"):
+        step, mass = estimates(joint, before, context, 0, 1.0)
+    assert np.isnan(step["step"].low)
+    assert np.isnan(step["step"].high)
+    assert holds(mass["mass"], 0.5)
+    assert holds(estimates(joint, data, context, 0, 1.0)[0]["step"], 0.0)
 
 
 def test_what_no_cause_explains_widens_an_interval() -> None:

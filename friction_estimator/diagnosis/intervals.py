@@ -54,7 +54,8 @@ class Curvature:
         """A parameter held at an end of its bracket is as uncertain as a free one."""
         evidence = joint.evidence(record, seed)
         hessian = evidence.zz.sum(0) + np.diag(np.where(joint.at_end, 0.0, joint.penalty))
-        hessian = hessian + np.diag(1e-10 * np.maximum(np.diag(hessian), 1e-300))
+        told = np.diag(hessian) > 0.0  # of the others nothing is known: any inverse will do, nobody uses it
+        hessian = hessian + np.diag(np.where(told, 1e-10 * np.diag(hessian), 1.0))
         return cls(evidence, np.linalg.inv(hessian))
 
     @property
@@ -95,6 +96,8 @@ def estimates(
 ) -> list[dict[str, Estimate]]:
     """Return the physical parameters of each term with intervals.
 
+    A quantity that hangs on a coefficient of which the samples used tell nothing has no interval (NaN).
+
     Without `left_N2` they are those of chance alone: by the delta method with Student t over blocks. With it half of
     the interval is the root of the sum of squares of this, of what other forms of the cause differ by, and of what a
     misfit of that power makes of the quantity at a correlation of `MISFIT`.
@@ -111,6 +114,7 @@ def estimates(
     if left_N2 is not None:
         squares += MISFIT**2 * left_N2 * known.inverse * scales
     place = joint.base.tangent.shape[1]
+    untold = (np.diag(known.evidence.zz.sum(0)) == 0.0) & (joint.scales != 0.0)
     out = []
     for number, term in enumerate(joint.terms):
         free = 0 if term.effect.fixed_gain else term.weights.size
@@ -121,6 +125,7 @@ def estimates(
             for i, name in enumerate(names, free):
                 if name in term.effect.steps and joint.scales[place + i] == 0.0:
                     part[i, i] = _jumping(joint, number, name, context, known, left_N2, quantile) ** 2
+        nothing = untold[place : place + theta.size]
         place += theta.size
 
         def values(
@@ -140,6 +145,8 @@ def estimates(
                 moved[i] += step
                 slope[i] = (values(moved)[name][0] - value) / step
             reach = float(np.sqrt(max(float(slope @ part @ slope), 0.0)))
+            if np.any(slope[nothing] != 0.0):
+                reach = float("nan")
             low = float(value - reach)
             if left_N2 is not None:
                 form = term.effect.systematic.get(name, 0.0) * abs(value)
