@@ -68,7 +68,7 @@ def read_recording(
     streams = {}
     for name, heard in outline.streams.items():
         part = joined(parts.pop(name))
-        if np.any(np.diff(part.log_time_ns) < 0):
+        if not in_order(part.log_time_ns):
             order = recorded_order(part.log_time_ns)
             part = Part(part.stamp_ns[order], part.log_time_ns[order], part.value[order])
         numbers = part.stamp_ns, part.log_time_ns, part.value

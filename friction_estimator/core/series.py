@@ -4,7 +4,7 @@ A record of hours has room in memory for its samples and what was predicted, not
 them.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from typing import Protocol
@@ -13,6 +13,9 @@ import numpy as np
 
 from friction_estimator.core import sums
 from friction_estimator.core.sample import NS_PER_S, Floats, Ints
+
+USUAL = 0.999
+"""Share of the numbers that are of usual size: the others may be spikes."""
 
 
 class Series(Protocol):
@@ -86,13 +89,32 @@ class RunningTime:
         return np.asarray((self._before_ns[block] + passed) / NS_PER_S, np.float64)
 
 
-def at(series: Series, places: Ints) -> Floats:
+def pieces(series: Series) -> Iterator[Floats]:
+    """Yield the numbers block by block."""
+    return (series[part] for part in sums.parts(series.size))
+
+
+def one(series: Series, place: int) -> float:
+    """Return the number at a place."""
+    return float(series[place : place + 1][0])
+
+
+def difference(minuend: Series, subtrahend: Series) -> Formed:
+    """Return one series less another one.
+
+    >>> difference(np.arange(3.0), np.ones(3))[:].tolist()
+    [-1.0, 0.0, 1.0]
+    """
+    return Formed(minuend.size, lambda part: minuend[part] - subtrahend[part])
+
+
+def at(series: Series, places: Ints | Sequence[int]) -> Floats:
     """Return the numbers at some places, (m,), which are in order.
 
     >>> at(np.arange(5.0), np.array([1, 3])).tolist()
     [1.0, 3.0]
     """
-    found = [np.empty(0)]
+    places, found = np.asarray(places, np.int64), [np.empty(0)]
     for part in sums.parts(series.size):
         first, last = np.searchsorted(places, [part.start, part.stop])
         if last > first:
@@ -100,20 +122,23 @@ def at(series: Series, places: Ints) -> Floats:
     return np.concatenate(found)
 
 
-def sizes(series: Series) -> "Formed":
+def sizes(series: Series) -> Formed:
     """Return the numbers without their signs."""
     return Formed(series.size, lambda part: np.abs(series[part]))
 
 
 def upper_quantile(series: Series, q: float) -> float:
     """Return a quantile near 1 of all of them: `np.quantile` of them as one array, to the bit."""
-    return sums.upper_quantile((series[part] for part in sums.parts(series.size)), series.size, q)
+    return sums.upper_quantile(pieces(series), series.size, q)
+
+
+def usual_size(series: Series) -> float:
+    """Return the largest size but for rare spikes; 0 where all but these are 0."""
+    return upper_quantile(sizes(series), USUAL)
 
 
 def ends(series: Series) -> tuple[float, float]:
     """Return the lowest and the highest of them; NaN is passed over, and where there are none, NaN is returned."""
-    found = [
-        (np.fmin.reduce(piece), np.fmax.reduce(piece)) for piece in (series[part] for part in sums.parts(series.size))
-    ]
+    found = [(np.fmin.reduce(piece), np.fmax.reduce(piece)) for piece in pieces(series)]
     low, high = np.array(found or [(np.nan, np.nan)]).T
     return float(np.fmin.reduce(low)), float(np.fmax.reduce(high))

@@ -4,6 +4,7 @@ Where the pressures come in one order, a slow change and a dependence on the pre
 pressures. What goes on within each of them is no matter of the pressure.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from friction_estimator.core.sample import Floats, Ints
 from friction_estimator.diagnosis.forms import SHARE
 from friction_estimator.diagnosis.joint import Joint
+from friction_estimator.diagnosis.lack_of_fit import Wider
 from friction_estimator.effects.shapes import HATS, hats
 
 TENTHS = 10
@@ -18,7 +20,7 @@ TENTHS = 10
 
 
 @dataclass(frozen=True)
-class AnyPressure:
+class AnyPressure(Wider):
     """A model's tangent, and beside it its whole force with another share at each speed and pressure.
 
     Attributes
@@ -44,16 +46,9 @@ class AnyPressure:
         """Number of columns beside the tangent."""
         return HATS * self.count
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(n, q)."""
-        n, q = self.model.tangent.shape
-        return n, q + self.width
-
-    def __getitem__(self, part: slice, /) -> Floats:
-        """Return the columns of some samples, (n_part, q)."""
+    def beside(self, part: slice) -> Sequence[Floats]:
+        """Return the columns beside the tangent for some samples."""
         f = self.model.features[part]
         by_speed = SHARE * f.force_N[:, None] * hats(f.velocity_m_s, self.model.reference)
         here = self.cell[part, None] == np.arange(self.count)
-        columns = (here[:, :, None] * by_speed[:, None, :]).reshape(f.size, -1)
-        return np.concatenate([self.model.tangent[part], columns], axis=1)
+        return [(here[:, :, None] * by_speed[:, None, :]).reshape(f.size, -1)]

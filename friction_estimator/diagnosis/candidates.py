@@ -13,7 +13,7 @@ from friction_estimator.diagnosis.capacity import UnlikeMemories
 from friction_estimator.diagnosis.forms import OtherForms, power_N2
 from friction_estimator.diagnosis.intervals import Estimate, estimates
 from friction_estimator.diagnosis.joint import Joint, JointFit, cross_validated_loss
-from friction_estimator.diagnosis.lack_of_fit import LackOfFit
+from friction_estimator.diagnosis.lack_of_fit import LackOfFit, Wider
 from friction_estimator.diagnosis.own_columns import Term, time_of
 from friction_estimator.effects.base import REVERSAL, Effect
 from friction_estimator.effects.features import Context
@@ -122,7 +122,7 @@ class Candidates:
         self._settled: dict[tuple[int, str], list[tuple[float, dict[str, float]]]] = {}
         self._kept: list[Model] = []
         self._estimates: dict[int, list[dict[str, Estimate]]] = {}
-        self._lacks: dict[tuple[int, type[UnlikeMemories | OtherForms | AnyPressure]], LackOfFit] = {}
+        self._lacks: dict[tuple[int, type[Wider]], LackOfFit] = {}
 
     def base(self) -> Model:
         """Return the base model alone."""
@@ -335,7 +335,7 @@ class Candidates:
         """Return whether an effect brings as much as this beside any dependence on the recorded pressure."""
         return self._beside(model, AnyPressure).beside(one.model.joint.parts_N[-1]) >= least_N2
 
-    def _beside(self, model: Model, columns: type[UnlikeMemories | OtherForms | AnyPressure]) -> LackOfFit:
+    def _beside(self, model: Model, columns: type[Wider]) -> LackOfFit:
         """Return what these columns explain beside a model; they are kept for the last model alone, for their size."""
         key = id(model), columns
         if key not in self._lacks:

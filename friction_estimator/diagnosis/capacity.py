@@ -1,5 +1,6 @@
 """Whether the base model is too coarse for a record: what a finer curve, a longer memory or unlike memories gain."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,6 +9,7 @@ from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.base_problem import OWN_LAGS, Capacity, OddCurve, tap_covariance
 from friction_estimator.diagnosis.evidence import Evidence, Rule
 from friction_estimator.diagnosis.joint import Joint
+from friction_estimator.diagnosis.lack_of_fit import Wider
 from friction_estimator.diagnosis.lagged import filtered, lagged
 
 FINER = 24
@@ -45,7 +47,7 @@ def in_words(before: Capacity, after: Capacity) -> str:
 
 
 @dataclass(frozen=True)
-class UnlikeMemories:
+class UnlikeMemories(Wider):
     """A model's tangent, and beside it the lags of each spline: made piece by piece, as that is.
 
     The base has two memories, the theory's and that of all the rest. Where the theory is wrong the rest holds both what
@@ -70,24 +72,18 @@ class UnlikeMemories:
         return cls(model, OWN_LAGS * size * (vectors * np.sqrt(values))[:, ::-1][:, :MODES])
 
     @property
-    def shape(self) -> tuple[int, int]:
-        """(n, q)."""
-        n, q = self.model.tangent.shape
-        return n, q + self.width
-
-    @property
     def width(self) -> int:
         """Number of columns beside the tangent."""
         return int(self.modes.shape[1] * self.model.base.weights.size)
 
-    def __getitem__(self, part: slice, /) -> Floats:
-        """Return the columns of some samples, (n_part, q)."""
+    def beside(self, part: slice) -> Sequence[Floats]:
+        """Return the columns beside the tangent for some samples."""
         base = self.model.base
         products = base.problem.products
         lagged_by = products.rows(part).reshape(-1, products.order + 1, products.width)
         splines = lagged_by[:, :, products.width - base.weights.size :]
         lags = np.tensordot(splines[:, 1:] - splines[:, :1], self.modes, (1, 0))
-        return np.concatenate([self.model.tangent[part], lags.reshape(len(lags), -1)], axis=1)
+        return [lags.reshape(len(lags), -1)]
 
 
 def _gain(evidence: Evidence, columns: Floats) -> float:

@@ -5,12 +5,14 @@ test of significance in a long record, and resembles some other cause of the cat
 it explains beside these differences.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.joint import Joint
+from friction_estimator.diagnosis.lack_of_fit import Wider
 from friction_estimator.diagnosis.library import columns_of
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.effects.compose import rms
@@ -27,7 +29,7 @@ FEW = 2
 
 
 @dataclass(frozen=True)
-class OtherForms:
+class OtherForms(Wider):
     """A model's tangent, and beside it what other forms of its causes differ by.
 
     The force of a cause is taken times hat functions of the speed, times pressure and position about their means,
@@ -60,14 +62,8 @@ class OtherForms:
         own = sum(HATS + 4 + int(t.effect.turns) for t in self.model.terms)
         return own + sum(int(o.shape[1]) for o in self.others)
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(n, q)."""
-        n, q = self.model.tangent.shape
-        return n, q + self.width
-
-    def __getitem__(self, part: slice, /) -> Floats:
-        """Return the columns of some samples, (n_part, q)."""
+    def beside(self, part: slice) -> Sequence[Floats]:
+        """Return the columns beside the tangent for some samples."""
         model, f = self.model, self.model.features[part]
         faster = np.sign(f.acceleration_m_s2 * f.direction)
         on = np.column_stack([hats(f.velocity_m_s, model.reference), self.place[part], faster])
@@ -76,7 +72,7 @@ class OtherForms:
             own = [np.abs(force[part]) / size]
             own += [f.direction] if term.effect.turns else []
             made.append(SHARE * force[part, None] * np.column_stack([on, *own]))
-        return np.concatenate([model.tangent[part], *made, *(o[part] for o in self.others)], axis=1)
+        return [*made, *(o[part] for o in self.others)]
 
 
 def power_N2(model: Joint) -> float:

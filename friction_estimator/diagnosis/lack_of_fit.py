@@ -1,6 +1,8 @@
 """What explains a record beside a model without being a cause: it is held against what a cause would explain."""
 
-from typing import Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Self
 
 import numpy as np
 
@@ -8,18 +10,39 @@ from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.evidence import Evidence, Rule
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.record import Record
-from friction_estimator.diagnosis.tangent import Rows
 
 WITHIN = 0.4
 """Of its gain: what a cause that explains no more than such columns must bring beside them."""
 
 
-class Wider(Rows, Protocol):
-    """A model's tangent with columns after it, in units of their prior's deviation."""
+class Wider(ABC):
+    """A model's tangent with columns after it, in units of their prior's deviation, made piece by piece as that is."""
+
+    model: Joint
+
+    @classmethod
+    @abstractmethod
+    def of(cls, model: Joint) -> Self:
+        """Return those of a model."""
 
     @property
+    @abstractmethod
     def width(self) -> int:
-        """Number of those columns."""
+        """Number of columns beside the tangent."""
+
+    @abstractmethod
+    def beside(self, part: slice) -> Sequence[Floats]:
+        """Return them for some samples, (n_part, c) each, `width` in all."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(n, q)."""
+        n, q = self.model.tangent.shape
+        return n, q + self.width
+
+    def __getitem__(self, part: slice, /) -> Floats:
+        """Return the columns of some samples, (n_part, q)."""
+        return np.concatenate([self.model.tangent[part], *self.beside(part)], axis=1)
 
 
 class LackOfFit:

@@ -112,8 +112,7 @@ def signals(replay: Replay, quantities: Quantities) -> Figure:
 
 def usual_size(friction_N: Series) -> float:
     """Return the largest friction but for rare spikes, N; above 0 unless all are 0."""
-    size = series.sizes(friction_N)
-    return series.upper_quantile(size, 0.999) or series.ends(size)[1]
+    return series.usual_size(friction_N) or series.ends(series.sizes(friction_N))[1]
 
 
 def _excerpt_length(recording: Samples) -> int:
@@ -305,7 +304,7 @@ def taps(replay: Replay) -> Figure:
     blocks = [("taps behind g", [p.fir_taps for p in replay.snapshots])]
     if replay.parameters.theory_taps.size:
         blocks.append(("taps behind the theoretical curve", [p.theory_taps for p in replay.snapshots]))
-    seconds = series.at(replay.time_s, np.array(replay.snapshot_index, np.int64))
+    seconds = series.at(replay.time_s, replay.snapshot_index)
     figure = Figure(figsize=(10, 2.6 * len(blocks)))
     axes = figure.subplots(len(blocks), 2, squeeze=False, width_ratios=(2, 1))
     for row, (title, history) in enumerate(blocks):

@@ -23,7 +23,7 @@ from friction_estimator.core.online.run import Run
 from friction_estimator.core.online.shortcomings import InMotion, Judgement, Shortcoming, in_motion, shortcomings
 from friction_estimator.core.quantities import FORCE, Quantities
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Samples, joined
-from friction_estimator.core.series import Formed, RunningTime, Series
+from friction_estimator.core.series import RunningTime, Series, difference
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.setting import Value
 
@@ -126,8 +126,7 @@ class Replay:
     @property
     def residual_N(self) -> Series:
         """Measured minus predicted, (n,), N."""
-        measured, predicted = self.samples.friction_N, self.predicted_N
-        return Formed(predicted.size, lambda part: measured[part] - predicted[part])
+        return difference(self.samples.friction_N, self.predicted_N)
 
     @cached_property
     def time_s(self) -> Series:

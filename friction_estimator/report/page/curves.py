@@ -224,9 +224,9 @@ def channels(result: Replay, q: Quantities) -> Sequence[Channel]:
     samples = result.samples
     out = [Channel(f"velocity ({q.velocity})", look.shown(q, samples.velocity_m_s, VELOCITY))]
     acceleration = _acceleration(result)
-    count = sum(int(np.count_nonzero(np.isfinite(piece))) for piece in _pieces(acceleration))
+    count = sum(int(np.count_nonzero(np.isfinite(piece))) for piece in series.pieces(acceleration))
     if count:
-        known = (np.abs(piece[np.isfinite(piece)]) for piece in _pieces(acceleration))
+        known = (np.abs(piece[np.isfinite(piece)]) for piece in series.pieces(acceleration))
         limit = sums.upper_quantile(known, count, 0.999)
 
         def usual(part: slice) -> Floats:
@@ -249,10 +249,6 @@ def channels(result: Replay, q: Quantities) -> Sequence[Channel]:
 
 def _as_shown(values: Floats, shown: Callable[[Floats], Floats]) -> Series:
     return Formed(values.size, lambda part: shown(values[part]))
-
-
-def _pieces(values: Series) -> Iterator[Floats]:
-    return (values[part] for part in sums.parts(values.size))
 
 
 def _acceleration(result: Replay) -> Series:

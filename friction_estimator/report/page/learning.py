@@ -74,7 +74,7 @@ def taps(result: Replay, title: str, values: list[Floats], behind: str) -> Chart
         title,
         f"Weights of the present and the past samples of {behind}. A single 1 at lag 0 is no memory at all: the "
         f"friction follows at once. Weights at later lags are lag, delay or smoothing.{one}",
-        lambda: _taps(series.at(result.time_s, np.array(result.snapshot_index, np.int64)), np.array(values)),
+        lambda: _taps(series.at(result.time_s, result.snapshot_index), np.array(values)),
     )
 
 

@@ -4,10 +4,10 @@ import numpy as np
 
 from friction_estimator.core import series
 from friction_estimator.core.online.replay import Judged, Replay
-from friction_estimator.core.quantities import FORCE, Quantities
-from friction_estimator.core.series import Formed, RunningTime
+from friction_estimator.core.quantities import Quantities
+from friction_estimator.core.series import RunningTime
 from friction_estimator.core.text import LONGEST_NAME, shown
-from friction_estimator.report.page import curves, envelope, learning, look, signals
+from friction_estimator.report.page import curves, envelope, learning, signals
 from friction_estimator.report.page.content import Chart
 
 OTHERS_ROWS, OTHERS_CLOSE = 12_000, 5_000
@@ -30,9 +30,9 @@ def replay_charts(result: Replay, q: Quantities, fitted: bool) -> dict[str, list
 
 def _over_time(result: Replay, q: Quantities, fitted: bool) -> list[Chart]:
     seconds = result.time_s
-    marks = [(float(seconds[s : s + 1][0]), f"recording {k}") for k, s in enumerate(result.starts[1:], start=2)]
+    marks = [(series.one(seconds, s), f"recording {k}") for k, s in enumerate(result.starts[1:], start=2)]
     held = np.flatnonzero(result.learned[:-1] > result.learned[1:])  # >: and not
-    marks += [(float(seconds[k + 1 : k + 2][0]), "learning stops") for k in held[:1].tolist()]
+    marks += [(series.one(seconds, k + 1), "learning stops") for k in held[:1].tolist()]
     main = signals.Signals(
         seconds,
         result.samples.restart,
@@ -64,7 +64,7 @@ _HOW = (
 
 def _other(other: Judged, q: Quantities, number: int) -> Chart:
     samples = other.samples
-    residual = Formed(len(samples), lambda part: samples.friction_N[part] - other.predicted_N[part])
+    residual = series.difference(samples.friction_N, other.predicted_N)
     seconds = RunningTime(samples.stamp_ns)
     shown_signals = signals.Signals(
         seconds,
@@ -87,9 +87,7 @@ def _other(other: Judged, q: Quantities, number: int) -> Chart:
 
 
 def _left(result: Replay, q: Quantities) -> list[Chart]:
-    usual = series.upper_quantile(series.sizes(result.samples.friction_N), 0.999) or 1.0
-    left = result.residual_N
-    residual = look.shown(q, Formed(left.size, lambda part: envelope.readable(left[part], usual)), FORCE)
+    residual = signals.readable_force(q, result.residual_N, signals.usual_force_N(result.samples.friction_N))
     late = residual.size // 5  # the first fifth shows how it was learned, not what the model cannot know
     which = "all samples after the first fifth of the record"
     return [curves.against(channel, residual, late, q, which) for channel in curves.channels(result, q)]

@@ -78,18 +78,13 @@ def chart(
     """
     jumps = []
     for name, part in signals.close.items():
-        begin, end = (float(signals.time_s[k : k + 1][0]) for k in (part.start, part.stop - 1))
-        jumps.append((name, begin, end))
+        jumps.append((name, series.one(signals.time_s, part.start), series.one(signals.time_s, part.stop - 1)))
     return Chart(title, caption, lambda: _build(signals, q, rows, close), explorer=True, jumps=jumps)
 
 
 def _columns(signals: Signals, q: Quantities) -> dict[str, Series]:
     """Return every line in the reader's units, by the name that the page's script knows."""
-    usual = series.upper_quantile(series.sizes(signals.measured_N), 0.999) or 1.0
-
-    def force(values: Series) -> Series:
-        return look.shown(q, Formed(values.size, lambda part: envelope.readable(values[part], usual)), FORCE)
-
+    usual = usual_force_N(signals.measured_N)
     out: dict[str, Series] = {
         "velocity": look.shown(q, signals.velocity_m_s, VELOCITY),
         "measured": look.shown(q, signals.measured_N, FORCE),
@@ -97,12 +92,22 @@ def _columns(signals: Signals, q: Quantities) -> dict[str, Series]:
     names = list(signals.predicted)
     for number, name in enumerate(names):
         end = "" if number == len(names) - 1 else f"_{number}"
-        out[f"predicted{end}"] = force(signals.predicted[name])
-        out[f"residual{end}"] = force(signals.residual[name])
+        out[f"predicted{end}"] = readable_force(q, signals.predicted[name], usual)
+        out[f"residual{end}"] = readable_force(q, signals.residual[name], usual)
     if signals.deviation_N is not None:
         for name, sign in (("band_low", -1.0), ("band_high", 1.0)):
             out[name] = _edge(out["predicted"], signals.deviation_N, sign, usual, q)
     return out
+
+
+def usual_force_N(measured_N: Series) -> float:
+    """Return the size beside which forces that run away are cut, N; above 0."""
+    return series.usual_size(measured_N) or 1.0
+
+
+def readable_force(q: Quantities, values_N: Series, usual_N: float) -> Series:
+    """Return forces in the reader's units, cut where they run away (`envelope.readable`)."""
+    return look.shown(q, Formed(values_N.size, lambda part: envelope.readable(values_N[part], usual_N)), FORCE)
 
 
 def _edge(middle: Series, deviation_N: Series, sign: float, usual: float, q: Quantities) -> Series:
@@ -130,7 +135,7 @@ def _build(signals: Signals, q: Quantities, rows: int, most: int) -> UIElement:
         for one in tables
     ]
     shown = ColumnDataSource({name: np.zeros(0) for name in ("time_s", *columns)}, name="shown")
-    time = Range1d(float(signals.time_s[:1][0]), float(signals.time_s[-1:][0]) or 1.0, name="time")
+    time = Range1d(series.one(signals.time_s, 0), series.one(signals.time_s, n - 1) or 1.0, name="time")
     panels = [
         _panel("velocity", f"velocity ({q.velocity})", 170, time),
         _panel("friction", f"friction ({q.force})", 300, time),
