@@ -264,7 +264,7 @@ def test_a_worker_loads_nothing_that_draws_and_who_asks_no_estimator():
         "print([name for name in ('numba', 'scipy.optimize', 'pyarrow', 'rosbags') if name in sys.modules])\n"
         "from friction_estimator.tasks import local\nfrom friction_estimator.sweep import judged\n"
         "from friction_estimator.fleet import diagnosed\n"
-        "heavy = ('matplotlib', 'bokeh', 'rclpy', 'pandas', 'jinja2', 'pyarrow')\n"
+        "heavy = ('matplotlib', 'bokeh', 'rclpy', 'pandas', 'jinja2', 'pyarrow', 'scipy.stats')\n"
         "print([name for name in heavy if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

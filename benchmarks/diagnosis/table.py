@@ -17,6 +17,7 @@ from friction_estimator.rig.plant import PLANTS
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import provenance
+import tables
 
 NOTES = Path(__file__).with_name("notes.md")
 """What stands below the tables: how to run it, and what other scripts of this folder measured."""
@@ -45,10 +46,7 @@ def percent(part: Iterable[bool]) -> float:
 def table(rows: Iterable[dict[str, Any]]) -> str:
     """Return rows of the same keys as Markdown."""
     rows = list(rows)
-    if not rows:
-        return "(none)"
-    lines = ["| " + " | ".join(rows[0]) + " |", "| " + " | ".join("---" for _ in rows[0]) + " |"]
-    return "\n".join(lines + ["| " + " | ".join(_cell(v) for v in row.values()) + " |" for row in rows])
+    return tables.table(list(rows[0]), [[_cell(value) for value in row.values()] for row in rows]) if rows else "(none)"
 
 
 def _cell(value: Any) -> str:

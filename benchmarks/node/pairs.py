@@ -70,4 +70,4 @@ def measured(seconds: float, rounds: int, round_seconds: float, rate: float) -> 
 
 
 if __name__ == "__main__":
-    part(measured, __doc__, seconds=60.0, rounds=7, round_seconds=10.0, rate=1000.0)
+    part(measured, __doc__, seconds=60.0, rounds=15, round_seconds=10.0, rate=1000.0)

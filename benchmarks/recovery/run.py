@@ -29,6 +29,7 @@ from friction_estimator.core.settings.config import Config
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 import provenance
+from tables import table
 
 HERE = Path(__file__).resolve().parent
 OUT = HERE.parents[0] / "out"
@@ -220,10 +221,6 @@ def one(job: tuple[str, dict]) -> tuple[str, list[dict]]:
 
 def number(value: float) -> str:
     return "-" if np.isnan(value) else f"{value:.2f}" if value < 10 else f"{value:.3g}"
-
-
-def table(heads: list[str], rows: list[list[str]]) -> str:
-    return "\n".join("| " + " | ".join(r) + " |" for r in [heads, ["---"] * len(heads), *rows])
 
 
 def fault_page(rows: list[dict], seeds: int) -> str:

@@ -34,6 +34,7 @@ sys.path.append(str(Path(__file__).resolve().parents[1]))
 sys.path.append(str(Path(__file__).resolve().parents[1] / "transfer"))
 import provenance
 from records import BAM, EMPS, ZILLEN, ZILLEN_FILES, bam, emps, zillen
+from tables import table
 
 HERE = Path(__file__).parent
 
@@ -147,10 +148,6 @@ def cell(value: float) -> str:
     return f"{value:.4f}"
 
 
-def table(rows: list[list[str]]) -> str:
-    return "\n".join("| " + " | ".join(row) + " |" for row in [rows[0], ["---"] * len(rows[0]), *rows[1:]])
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=2)
@@ -165,7 +162,8 @@ def main() -> None:
     }
     page = ["# The Stribeck curve of the first contact", provenance.line(command), "Error rms over std of friction."]
     for title, part in parts.items():
-        page += [f"## {title}", table(part())]
+        head, *rows = part()
+        page += [f"## {title}", table(head, rows)]
         print(page[-2], page[-1], sep="\n", flush=True)
     write_text(HERE / "README.md", "\n\n".join(page) + "\n")
 

@@ -1,10 +1,15 @@
 """Targets and tables in Markdown."""
 
 import math
+import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))  # behind: a page.py stands there too
+import tables
 
 
 @dataclass(frozen=True)
@@ -51,8 +56,7 @@ def table(rows: Iterable[dict]) -> str:
     rows = list(rows)
     if not rows:
         return "(no rows)"
-    lines = ["| " + " | ".join(rows[0]) + " |", "| " + " | ".join("---" for _ in rows[0]) + " |"]
-    return "\n".join(lines + ["| " + " | ".join(number(value) for value in row.values()) + " |" for row in rows])
+    return tables.table(list(rows[0]), [[number(value) for value in row.values()] for row in rows])
 
 
 def target_table(targets: Iterable[Target]) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.any_pressure import AnyPressure
@@ -306,7 +306,7 @@ class Candidates:
             decrease = np.where(early, 0.0, decrease)
         gains = np.bincount(record.block, weights=decrease)
         error = float(np.std(gains, ddof=1)) * np.sqrt(gains.size)
-        return bool(gains.sum() > student.ppf(0.975, gains.size - 1) * error)
+        return bool(gains.sum() > stdtrit(gains.size - 1, 0.975) * error)
 
     def beyond_memory(self, model: Model, one: Candidate, gain_N2: float) -> bool:
         """Return whether an effect of this gain is more than unlike memories of the base, which are lack of fit.

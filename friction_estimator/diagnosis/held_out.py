@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from friction_estimator.core.sample import Bools, Floats, Ints
 from friction_estimator.diagnosis.base_problem import BaseProblem
@@ -65,7 +65,7 @@ def gain_between(before: Floats, after: Floats, record: Record, spread: float) -
     # d(sqrt(sum other / sum one)), block by block
     influence = ratio / 2.0 * (other / max(other.sum(), 1e-300) - one / max(one.sum(), 1e-300))
     error = float(np.sqrt(np.square(influence - influence.mean()).sum() * one.size / max(one.size - 1, 1)))
-    reach = 100.0 * float(student.ppf(0.975, max(one.size - 1, 1))) * error
+    reach = 100.0 * float(stdtrit(max(one.size - 1, 1), 0.975)) * error
     reduction = 100.0 * (1.0 - ratio)
     return Gain(nrmse_before, nrmse_after, reduction, reduction - reach, reduction + reach)
 

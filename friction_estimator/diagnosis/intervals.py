@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.evidence import Evidence
@@ -108,7 +108,7 @@ def estimates(
         that fit as well differ, by quantity; the effect's own systematic share holds where that is less.
     """
     known = Curvature.of(joint, record, seed)
-    quantile = float(student.ppf(0.975, max(record.blocks - 1, 1)))
+    quantile = float(stdtrit(max(record.blocks - 1, 1), 0.975))
     scales = np.outer(joint.scales, joint.scales)
     squares = quantile**2 * known.covariance() * scales
     if left_N2 is not None:

@@ -1,6 +1,7 @@
 """Spoiled samples of the force channel: held values and spikes."""
 
 import numpy as np
+import scipy  # its parts are loaded where they are first used: 0.1 s of a start
 
 from friction_estimator.core.quantities import FORCE, quantity
 from friction_estimator.core.sample import Bools, Ints
@@ -199,9 +200,7 @@ class Outliers(Effect):
         count = int(hit.sum())
         power = float(np.square(innovation[hit]).sum()) / max(int(used.sum()), 1)
         total = float(np.mean(np.square(residual[used])))
-        from scipy.stats import binom  # noqa: PLC0415 - slow to import
-
-        p_value = float(binom.sf(count - 1, residual.size, SPIKE_CHANCE))
+        p_value = float(scipy.special.bdtrc(count - 1, residual.size, SPIKE_CHANCE))
         if count < FEWEST_SPIKES or p_value > 1e-4 or power < LEAST_SHARE * total:
             return None
         height = float(np.sqrt(np.mean(np.square(innovation[hit]))))

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.optimize import nnls
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from friction_estimator.core.errors import UnanswerableError
 from friction_estimator.core.fit.baselines import BASELINES, Shape, StaticCurve, fit_baselines
@@ -58,7 +58,7 @@ def curve_with_intervals(learned: Learned, form: str) -> tuple[StaticCurve, Mapp
     for a, b in pairwise(edges):
         rest = np.r_[0:a, b : velocity.size]
         without.append(_fitted(form, velocity[rest], friction[rest]).parameters)
-    wide = float(student.ppf(0.975, BLOCKS - 1))
+    wide = float(stdtrit(BLOCKS - 1, 0.975))
     intervals = {}
     for name, value in curve.parameters.items():
         values = np.array([parameters[name] for parameters in without])
