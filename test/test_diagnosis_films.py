@@ -14,11 +14,13 @@ from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import build_record
 from friction_estimator.diagnosis.search import FORMS_SHARE
 from friction_estimator.effects import EFFECTS, Effect
-from friction_estimator.rig.drive import segment
+from friction_estimator.rig.drive import Segment, segment
 
 SEAL = Config.from_mapping({"theory.kind": "seal"})
 
 TWO_PERIODS = (segment(1.0, 50.0, 16.0), segment(4.0, 50.0, 24.0))
+
+FOUR_SEGMENTS = tuple(segment(t, psi, s) for psi in (50.0, 200.0) for t, s in ((1.0, 10.0), (5.0, 20.0)))
 
 
 def chosen(*names: str) -> dict[str, type[Effect]]:
@@ -55,6 +57,25 @@ def test_a_film_that_is_late_by_a_delay_leaves_no_mass() -> None:
     assert names(found) == ["frictional_lag"]
     assert found.effects[0].parameters["lag"].value == pytest.approx(0.00375, abs=1e-4)
     assert found.unexplained_percent < 3.0
+
+
+@pytest.mark.parametrize(("size", "seed", "drive"), [(0.04, 4, FOUR_SEGMENTS), (0.02, 3, TWO_PERIODS)])
+def test_a_memory_that_takes_back_a_late_velocity_only_smooths(
+    size: float, seed: int, drive: tuple[Segment, ...]
+) -> None:
+    samples = record([f"velocity_noise:size={size}"], plant="film_lag", seed=seed, segments=drive)
+    found = diagnose([samples], Config(), catalogue=chosen("frictional_lag", "velocity_delay", "velocity_noise"))
+    assert names(found) == ["velocity_noise", "frictional_lag"]
+
+
+def test_a_late_velocity_that_is_noisy_keeps_its_time() -> None:
+    """Smoothed over one window for all it was 10.8 ms late, and certain of it."""
+    samples = record(["velocity_delay:delay=0.003", "velocity_noise:size=0.04"])
+    found = diagnose([samples], Config(), catalogue=chosen("velocity_delay", "time_delay", "velocity_noise"))
+    assert names(found) == ["velocity_noise", "velocity_delay"]
+    delay = found.effects[0].parameters["delay"]
+    assert delay.low < 0.003 < delay.high
+    assert delay.high < 0.01
 
 
 def test_a_delay_beside_a_lagging_film_is_not_the_films_other_form() -> None:

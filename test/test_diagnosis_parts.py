@@ -14,7 +14,7 @@ from friction_estimator.diagnosis.base import fit_base
 from friction_estimator.diagnosis.base_problem import ALARM, OddCurve
 from friction_estimator.diagnosis.evidence import Evidence, Rule, folds_of, null_maximum
 from friction_estimator.diagnosis.excitation import pressure_order, speed_levels
-from friction_estimator.diagnosis.floor import noise_floor, noise_memory, pairs
+from friction_estimator.diagnosis.floor import noise_floor, noise_memory, pairs, variance_dependence
 from friction_estimator.diagnosis.products import inner
 from friction_estimator.diagnosis.record import Record, build_record, joined
 from friction_estimator.diagnosis.repair import view_of
@@ -141,6 +141,13 @@ def test_periods_and_reversals_are_counted(clean: Samples) -> None:
     record = build_record([clean], Config())
     assert record.reversals == pytest.approx(2 * (10 + 8), abs=2)
     assert record.periods_s == pytest.approx((2.5, 1.0), rel=0.01)
+
+
+def test_errors_that_are_mostly_nothing_scatter_with_no_variable(clean: Samples) -> None:
+    """A lattice gives samples that should be equal equal values: the power of their differences has no scale."""
+    record = build_record([clean], SEAL)
+    errors = np.where(np.arange(len(clean)) % 3 == 0, 0.1, 0.0)
+    assert variance_dependence(record, errors, np.arange(len(clean))) is None
 
 
 def test_lattice_is_measured() -> None:

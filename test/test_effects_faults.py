@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import savgol_filter
 
 from friction_estimator.core.sample import NS_PER_S, Samples
 from friction_estimator.core.settings.config import Config
@@ -16,7 +17,7 @@ from friction_estimator.effects import EFFECTS, parse_effect
 from friction_estimator.effects.base import Effect
 from friction_estimator.effects.burst import Burst, find_burst
 from friction_estimator.effects.detection import DataView, Fault
-from friction_estimator.effects.scatter import lattice_step, noise_under
+from friction_estimator.effects.scatter import POLYNOMIALS, lattice_step, noise_under, smoothed
 from friction_estimator.rig.drive import Segment, segment
 from friction_estimator.rig.simulate import Scenario, Simulation, simulate
 
@@ -218,6 +219,30 @@ def test_noise_under_a_smooth_channel_is_measured_at_every_scale(deviation: floa
     assert low < deviation < high
     assert high - low < 0.2 * value
     assert noise_under(np.sin(2 * np.pi * time), restart) is None
+
+
+@pytest.mark.parametrize("deviation", [1e-6, 1e-2, 5e-2])
+def test_a_noisy_channel_is_smoothed_better_than_any_one_window_does(deviation: float) -> None:
+    """It has corners, where a window must be short, and goes smoothly elsewhere."""
+    time = np.arange(12_000) * 0.005
+    corners = 2.0 * np.abs(2.0 * (time / 4.0 % 1.0) - 1.0) - 1.0
+    channel = np.where(time < 30.0, np.sin(2 * np.pi * time / 5.0), corners)
+    noisy = channel + deviation * np.random.default_rng(1).standard_normal(time.size)
+
+    def error(values: np.ndarray) -> float:
+        return float(np.std(values - channel)) / deviation
+
+    ours = error(smoothed(noisy, time == 0.0, deviation))
+    assert ours < 0.4
+    assert ours < min(error(savgol_filter(noisy, window, 3)) for window in POLYNOMIALS)
+
+
+def test_a_channel_without_noise_and_one_with_a_gap_in_it_stay_as_they_are() -> None:
+    corners = np.abs(np.arange(400) % 40 - 20.0)
+    begins = np.arange(400) == 0
+    np.testing.assert_allclose(smoothed(corners, begins, 1e-9), corners, atol=1e-8)
+    torn = np.where(np.arange(400) == 100, np.nan, corners)
+    np.testing.assert_array_equal(smoothed(torn, begins, 0.1), torn)
 
 
 # Stick-slip

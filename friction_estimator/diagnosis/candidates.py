@@ -49,6 +49,9 @@ MOVABLE = 0.3
 """Mean delay of the base's memory, in samples, from which it may be what a time of the whole force should have: a
 comb of minima a sample apart. Less is the rig's own."""
 
+UNDONE = 0.5
+"""Of a time that the force is ahead by: what the base's memory may not take back."""
+
 
 @dataclass(frozen=True)
 class Model:
@@ -316,6 +319,24 @@ class Candidates:
         if one.effect.delays or not model.joint.base.taps.size:
             return True
         return self._beside(model, UnlikeMemories).is_less(one.model.joint.parts_N[-1], gain_N2)
+
+    def taken_back_s(self, model: Model, after: Model) -> float:
+        """Return what the base's memory takes back of a time that the force is ahead by, s; 0 for any other last term.
+
+        Together they smooth: of a noisy velocity they explain the noise. Elsewhere a true time beside a true memory
+        looks the same.
+        """
+        last = after.joint.terms[-1]
+        if not last.effect.delays or last.effect.late_s(last.params) >= 0.0:
+            return 0.0
+        bases = (m.joint.base for m in (model, after))
+        before, now = (base.problem.mean_delay(base.coefficients) for base in bases)
+        return max(0.0, min(now, now - before)) * self.context.step_s
+
+    def undone(self, model: Model, one: Candidate) -> bool:
+        """Return whether most of a time that the force is ahead by is taken back (`taken_back_s`)."""
+        back = self.taken_back_s(model, one.model)
+        return back > 0.0 and back >= -UNDONE * one.effect.late_s(one.term.params)
 
     def beyond_forms(self, model: Model, one: Candidate, ample: bool) -> bool:
         """Return whether an effect is more than other forms of the causes in the model, one at least, would be.

@@ -76,14 +76,12 @@ def diagnose(
         return _undecidable(raw, config, context, excitation)
     record, context, found_faults = repaired(raw, config, context, catalogue)
     found_faults = [*faults, *found_faults]
-    lattice_N = max((f.lattice_N for f in found_faults), default=0.0)
-    known = {f.name for f in found_faults}
-    found = Searcher(record, config, context, catalogue, seed, lattice_N, known)(progress)
+    found = Searcher(record, config, context, catalogue, seed, found_faults)(progress)
     if late := concealed(found_faults, record, context, found.models[-1], catalogue):
         for fault in late:
             record = with_repair(record, config, fault)
         found_faults += late
-        found = Searcher(record, config, context, catalogue, seed, lattice_N, known | {f.name for f in late})(progress)
+        found = Searcher(record, config, context, catalogue, seed, found_faults)(progress)
     progress("measuring gains on held-out data", 0.75)
     spread = float(np.std(record.friction_N[record.used]))
     found, errors = _gaining(found, [held_out_errors(found.problem, context, m) for m in found.models], record, spread)
@@ -91,6 +89,7 @@ def diagnose(
     found_faults = confirmed(found_faults, record, context, final, catalogue)
     trials = Trials(final, record, config, context, seed)
     base_error, last_error = rms(errors[0], record), rms(errors[-1], record)
+    lattice_N = max((f.lattice_N for f in found_faults), default=0.0)
     floor = min(noise_floor(record, final.residual_N, lattice_N), base_error)
     left_N2 = float(record.used.sum()) * max(0.0, last_error**2 - floor**2)
     effects = _named(record, context, found, errors, spread, left_N2, seed, trials, catalogue)

@@ -247,6 +247,8 @@ def variance_dependence(record: Record, errors_N: Floats, at: Ints, names: Seque
     power = np.square(errors_N)
     power = np.minimum(power, 40.0 * float(np.median(power)) / 0.4549)
     total, block = float(power.mean()), record.block[at]
+    if not total > 0.0:  # most errors are exactly nothing: of a lattice's values
+        return None
     best: Scatter | None = None
     best_t = 6.5
     for name in names:

@@ -26,6 +26,7 @@ from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.rivals import alike, closest
 from friction_estimator.diagnosis.screening import Screened, View, screening
 from friction_estimator.effects.base import REVERSAL, SLOW, Effect
+from friction_estimator.effects.detection import SMOOTHED, Fault
 from friction_estimator.effects.features import Context
 
 Catalogue = Mapping[str, type[Effect]]
@@ -79,8 +80,8 @@ class Searcher:
     Parameters
     ----------
     record : repaired. context : facts about it. catalogue : effects by name. seed : of folds and bootstrap.
-    lattice_N : distance of the values that the force can take, N; causes must bring more than rounding to them does.
-    known : effects that were found in the data already.
+    faults : that were found in the data already, and repaired: they are no causes; what those must bring is more than
+        rounding to a lattice does, and than a noisy velocity gains by being smoothed further.
     """
 
     def __init__(
@@ -90,11 +91,12 @@ class Searcher:
         context: Context,
         catalogue: Catalogue,
         seed: int,
-        lattice_N: float = 0.0,
-        known: Collection[str] = (),
+        faults: Sequence[Fault] = (),
     ) -> None:
         self.record, self.config, self.context, self.seed = record, config, context, seed
-        self.catalogue, self.lattice_N, self.known = catalogue, lattice_N, known
+        self.catalogue, self.known = catalogue, {f.name for f in faults}
+        self.lattice_N = max((f.lattice_N for f in faults), default=0.0)
+        self.smoothed = any(f.velocity_m_s is not None and f.repaired == SMOOTHED for f in faults)
         self.samples = max(int(record.used.sum()), 1)
         self.ordered = bool(pressure_order(record))
         self._starts_with()
@@ -152,7 +154,7 @@ class Searcher:
                 self._forget(models[-1])
         left = self._left(models[-1])
         steps = zip(causes, models, models[1:], strict=False)
-        causes = [replace(one, apart=self.fits.apart(fewer, more, left)) for one, fewer, more in steps]
+        causes = [replace(one, apart=self._apart_by(fewer, more, left)) for one, fewer, more in steps]
         return Search(
             self.problem,
             tuple(cause.within(left) for cause in causes),
@@ -226,6 +228,8 @@ class Searcher:
         fits = self.fits
         if not by_data:
             return True
+        if self.smoothed and fits.undone(model, best):
+            return False
         return fits.stands(model, best) and fits.known_sign(best) and self._beyond_memory(model, best)
 
     def _beyond_memory(self, model: Model, best: Candidate) -> bool:
@@ -266,6 +270,14 @@ class Searcher:
             return True
         beside = ((one, self.fits(one.model, best.name, best.term.params)) for one in better)
         return all(both is not None and both.gain > _later_N2(one.model) for one, both in beside)
+
+    def _apart_by(self, fewer: Model, more: Model, left_N2: float) -> dict[str, float]:
+        """Return by how much the quantities of a model's last term may be others (`Candidates.apart`)."""
+        apart = self.fits.apart(fewer, more, left_N2)
+        if self.smoothed and (back := self.fits.taken_back_s(fewer, more)):
+            name = more.joint.terms[-1].effect.size_key
+            apart[name] = max(back, apart.get(name, 0.0))
+        return apart
 
     def _left(self, model: Model) -> float:
         """Return the held-out error power above the noise floor, summed, N^2."""

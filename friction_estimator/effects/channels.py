@@ -9,7 +9,7 @@ from friction_estimator.core.quantities import POSITION, VELOCITY, quantity
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import Effect, Key, Words, effect, form_key
 from friction_estimator.effects.detection import COMPLETELY, DIVIDED, SMOOTHED, DataView, Fault
-from friction_estimator.effects.scatter import MAD, SMOOTHING, held_levels, noise_under, smoothed, unrepeated_N2
+from friction_estimator.effects.scatter import MAD, held_levels, noise_under, smoothed, unrepeated_N2
 from friction_estimator.effects.trace import Trace
 
 LEAST_SHARE = 0.004
@@ -246,7 +246,7 @@ class VelocityNoise(Effect):
             f"the velocity scatters by {quantity(deviation, VELOCITY, '.3g')} from sample to sample",
             {"deviation": (deviation, "m/s", low, high)},
             SMOOTHED,
-            velocity_m_s=smoothed(v, view.restart, SMOOTHING, 3),
+            velocity_m_s=smoothed(v, view.restart, deviation),
             power_N2=power,
         )
 
