@@ -245,6 +245,20 @@ def test_a_channel_without_noise_and_one_with_a_gap_in_it_stay_as_they_are() -> 
     np.testing.assert_array_equal(smoothed(torn, begins, 0.1), torn)
 
 
+def test_a_gap_is_no_corner_of_a_noisy_channel() -> None:
+    """Each side is smoothed to its end by what is on that side, also where the other cannot be."""
+    time = np.arange(2000) * 0.005
+    jump = np.where(time < 5.0, np.sin(time), 40.0 + np.cos(time))
+    noisy = jump + 0.01 * np.random.default_rng(2).standard_normal(time.size)
+    begins = (np.arange(2000) == 0) | (np.arange(2000) == 1000)
+    ours = smoothed(noisy, begins, 0.01)
+    assert np.std(ours - jump) < 0.3 * 0.01
+    assert np.abs(ours - jump)[980:1020].max() < 2.0 * 0.01
+    torn = np.where(np.arange(2000) == 1500, np.nan, noisy)
+    np.testing.assert_allclose(smoothed(torn, begins, 0.01)[:1000], ours[:1000], atol=0.01)
+    np.testing.assert_array_equal(smoothed(torn, begins, 0.01)[1000:], torn[1000:])
+
+
 # Stick-slip
 
 

@@ -185,21 +185,30 @@ def smoothed(values: Floats, restart: Bools, deviation: float) -> Floats:
     grows over a quarter of the latter's length: a step in a velocity would be an acceleration.
     """
     from scipy.ndimage import uniform_filter1d  # noqa: PLC0415 - slow to import
-    from scipy.signal import savgol_coeffs, savgol_filter  # noqa: PLC0415 - slow to import
 
     out = values.copy()
-    edges = np.append(np.flatnonzero(restart), values.size)
-    for a, b in pairwise(edges):
-        if not np.isfinite(values[a:b]).all():
-            continue
-        low, high = values[a:b] - AGREE * deviation, values[a:b] + AGREE * deviation
-        for window in POLYNOMIALS:
-            if b - a <= window:
-                break
-            cubic = savgol_filter(values[a:b], window, 3)
-            reach = AGREE * deviation * float(np.linalg.norm(savgol_coeffs(window, 3)))
-            low, high = np.maximum(low, cubic - reach), np.minimum(high, cubic + reach)
-            agrees = low <= high
-            share = agrees * uniform_filter1d(agrees.astype(np.float64), max(3, window // 4))
-            out[a:b] += share * (cubic - out[a:b])
+    begins = np.flatnonzero(np.append(True, restart[1:]))
+    ends = np.append(begins[1:], values.size)
+    whole = np.logical_and.reduceat(np.isfinite(values), begins)
+    low, high = values - AGREE * deviation, values + AGREE * deviation
+    for window in POLYNOMIALS:
+        long = whole & (ends - begins > window)
+        if not long.any():
+            break
+        half, cubic = window // 2, _projection(window)
+        reach = AGREE * deviation * np.linalg.norm(cubic, axis=1)
+        first, last = (at[long, None] + np.arange(window) for at in (begins, ends - window))
+        smooth, width = np.convolve(values, cubic[half], "same"), np.full(values.size, reach[half])
+        for place, rows in ((first[:, :half], slice(half)), (last[:, half + 1 :], slice(half + 1, None))):
+            smooth[place], width[place] = values[first if rows.start is None else last] @ cubic[rows].T, reach[rows]
+        low, high = np.maximum(low, smooth - width), np.minimum(high, smooth + width)
+        agrees = np.repeat(long, ends - begins) & (low <= high)
+        share = agrees * uniform_filter1d(agrees.astype(np.float64), max(3, window // 4))
+        out[agrees] += (share * (smooth - out))[agrees]
     return out
+
+
+def _projection(window: int) -> Floats:
+    """Return what makes of the values in a window those of the cubic that fits them best, (window, window)."""
+    powers = np.vander(np.linspace(-1.0, 1.0, window), 4)
+    return np.asarray(powers @ np.linalg.pinv(powers))
