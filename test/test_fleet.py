@@ -37,7 +37,7 @@ def run(*words):
 def entry(day, value=None, half=0.01, rig="a", verdict="effects_found", dated=True, name="sensor_bias"):
     ci = [None, None] if half is None else [value - half, value + half] if value is not None else None
     found = [] if value is None else [
-        {"name": name, "parameters": {"bias": {"value": value, "unit": "N", "ci95": ci}},
+        {"name": name, "what": "it reads too much", "parameters": {"bias": {"value": value, "unit": "N", "ci95": ci}},
          "gain": {"reduction_percent": 10.0 * value}}
     ]  # fmt: skip
     row = {
@@ -173,6 +173,20 @@ def test_a_fleet_is_a_row_a_recording_with_what_grows(fleet, diagnosed):
     text = pages.words((diagnosed / "report.html").read_text())
     assert "the force sensor reads a constant too much" in text
     assert "{" not in text
+
+
+def test_who_hands_out_recordings_loads_nothing_that_computes_or_draws(fleet, diagnosed):
+    """A run is as long as what one process does alone, whatever the number of processes beside it."""
+    words = ["diagnose", *map(str, sorted(fleet.iterdir())), "--each", "--workers", "1", "--out", str(diagnosed)]
+    code = (
+        "import sys\nfrom friction_estimator.cli.main import main\n"
+        f"if __name__ == '__main__':\n    main({words!r})\n"
+        "    heavy = ('numba', 'scipy.optimize', 'bokeh', 'rosbags')\n"
+        "    print([name for name in heavy if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.splitlines()[-1] == "[]", done.stdout
+    assert "the force sensor reads a constant too much" in pages.words((diagnosed / "report.html").read_text())
 
 
 def test_a_row_is_what_diagnose_says_of_that_recording_alone(fleet, diagnosed, capsys):

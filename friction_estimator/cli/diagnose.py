@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from friction_estimator.cli import common, joints, many
 from friction_estimator.cli.progress import progress
-from friction_estimator.cli.recorded import counted, settled
 from friction_estimator.core.errors import InputError, about
 from friction_estimator.core.quantities import Quantities
 from friction_estimator.core.sample import Samples
@@ -88,7 +87,7 @@ def refusal(folder: Path) -> str | None:
 def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
     # scipy takes a second to import: `--help` needs none of it.
     from friction_estimator.cli.data_quality import data_quality  # noqa: PLC0415
-    from friction_estimator.cli.recorded import tell_theory  # noqa: PLC0415
+    from friction_estimator.cli.recorded import counted, settled, tell_theory  # noqa: PLC0415
     from friction_estimator.diagnosis.diagnose import diagnose  # noqa: PLC0415
     from friction_estimator.diagnosis.extend import is_offered  # noqa: PLC0415
     from friction_estimator.diagnosis.summary import as_json, judged_by, sentences  # noqa: PLC0415

@@ -9,6 +9,7 @@ from friction_estimator.core.errors import about
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.diagnosis.summary import as_json
+from friction_estimator.effects.base import EFFECTS
 from friction_estimator.fleet.job import Job
 from friction_estimator.fleet.reading import read_to_diagnose
 
@@ -17,7 +18,8 @@ EARLIEST_NS = 946_684_800 * 1_000_000_000
 
 
 def row_of(job: Job) -> dict[str, Any]:
-    """Return the row: `diagnose --json` of the recording, without names of files, and
+    """Return the row: `diagnose --json` of the recording, without names of files, in each effect and fault `what` it
+    is in words, and
 
     `start_ns` (when the recording began; None where its clock does not say), `duration_s`, `samples`, `rate_hz`.
 
@@ -36,6 +38,8 @@ def row_of(job: Job) -> dict[str, Any]:
     found = {name: value for name, value in summary.items() if name not in ("schema", "bags", "extended_model")}
     for item in (*found["effects"], *found["faults"]):
         del item["figure"]
+        # In words here, where the effects are loaded: the page of the table then needs none of them.
+        item["what"] = config.quantities.si.worded(EFFECTS[item["name"]].words.what)
     return found | {
         "start_ns": begin if begin >= EARLIEST_NS else None,
         "duration_s": samples.duration_s,

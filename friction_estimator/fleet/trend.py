@@ -75,13 +75,14 @@ class Trend:
 
     Attributes
     ----------
-    name : its id. recordings, of : how many show it, of how many that could be decided.
+    name, what : its id, and what it is in words. recordings, of : how many show it, of how many that could be decided.
     since : the first that shows it. before : the last one before it, which does not; None where it is the first.
     gain_percent : median of what naming it takes off the held-out error; None where there is none.
     """
 
     rig: str
     name: str
+    what: str
     recordings: int
     of: int
     since: Entry
@@ -128,6 +129,7 @@ def _trend(rig: str, name: str, entries: Sequence[Entry]) -> Trend:
     return Trend(
         rig=rig,
         name=name,
+        what=str(shown[0]["what"]),
         recordings=len(places),
         of=len(entries),
         since=entries[places[0]],

@@ -5,8 +5,6 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from friction_estimator.core.quantities import LINEAR, ROTARY, Quantities
-from friction_estimator.effects.base import EFFECTS
 from friction_estimator.fleet.trend import UNDECIDABLE, Growth, Trend, date
 from friction_estimator.report.page.content import CAUTION, GOOD, NEUTRAL, Advice, Light, Page, Section, Whisker
 
@@ -79,12 +77,11 @@ def _by_rig(entries: Sequence[Mapping[str, Any]], rigs: Sequence[str], found: Se
         for one in own:
             gain = "" if one.gain_percent is None else f"{one.gain_percent:.1f}"
             before = "" if one.before is None else _when(one.before.bag, one.before.row)
-            what = _quantities(one.since.row).worded(EFFECTS[one.name].words.what)
             rows.append(
                 (
                     rig,
                     one.name,
-                    what,
+                    one.what,
                     f"{one.recordings} of {one.of}",
                     _when(one.since.bag, one.since.row),
                     before,
@@ -153,12 +150,6 @@ def _failed(entries: Sequence[Mapping[str, Any]]) -> list[Section]:
     failed = [one for one in entries if one["problem"]]
     rows: Rows = [("recording", "why"), *((one["bag"], one["problem"]) for one in failed[:MOST_ROWS])]
     return [Section("What failed", [], rows)] if failed else []
-
-
-def _quantities(row: Mapping[str, Any]) -> Quantities:
-    """Return what the numbers of a recording are."""
-    linear = Quantities(LINEAR)
-    return linear if row["units"] == linear.names else Quantities(ROTARY)
 
 
 def _percent(value: float) -> str:

@@ -31,22 +31,21 @@ def write_page(path: str | os.PathLike[str], page: Page) -> None:
 
 
 def _interactive(page: Page) -> str:
-    from bokeh.embed import json_item  # noqa: PLC0415
-    from bokeh.resources import Resources  # noqa: PLC0415
     from markupsafe import Markup  # noqa: PLC0415
 
     items: list[str] = []
 
     def item(chart: Chart) -> str:
         """Keep a chart's document; return its name."""
+        from bokeh.embed import json_item  # noqa: PLC0415 - half a second, and a page may have no chart
+
         name = f"chart-{len(items) + 1}"
         items.append(_script_json(json_item(chart.build(), name)))
         return name
 
     environment = _environment()
     body = environment.get_template("page.html").render(page=page, item=item)
-    resources = Resources(mode="inline", components=["bokeh"]).js_raw if items else []  # 1.3 MB, for charts alone
-    scripts = [code.replace("</script", "<\\/script") for code in resources]
+    scripts = [code.replace("</script", "<\\/script") for code in (_bokeh() if items else [])]
     # The charts' data are known only when the body is made; they stand behind it, so that it is seen first.
     return environment.get_template("document.html").render(
         title=page.title,
@@ -56,6 +55,13 @@ def _interactive(page: Page) -> str:
         css=Markup(_template("page.css")),
         js=Markup(_template("page.js")),
     )
+
+
+def _bokeh() -> list[str]:
+    """Return the code that draws charts in a browser, 1.3 MB."""
+    from bokeh.resources import Resources  # noqa: PLC0415
+
+    return list(Resources(mode="inline", components=["bokeh"]).js_raw)
 
 
 def _environment() -> "Environment":
