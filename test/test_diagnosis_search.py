@@ -99,6 +99,26 @@ def test_a_slow_change_that_goes_on_within_each_pressure_is_no_matter_of_the_pre
     assert set_of(one) == set(both)
 
 
+def test_a_gap_of_one_sample_is_named_although_a_drive_of_whole_periods_shows_it_in_one_sample_a_stroke() -> None:
+    """Every stroke is sampled at the same places: a gap takes a whole sample or nothing, one that closes softly a part.
+
+    Bristles of no length explain that as well. They are not named, as nothing tells their length; nor are they ruled
+    out.
+    """
+    data = record(["backlash:gap=2.592e-6,form=1"], segments=(segment(2.0, 50.0, 50.0),))
+    (found,) = diagnose([data], Config()).effects
+    assert found.name == "backlash"
+    assert found.parameters["gap"].low < 2.592e-6 < found.parameters["gap"].high
+    assert {"presliding", "time_delay"} <= set(found.rivals)
+
+
+def test_what_explains_as_much_but_of_no_known_size_stays_a_rival() -> None:
+    some = {name: EFFECTS[name] for name in ("presliding", "time_delay")}
+    data = record(["backlash:gap=2.592e-6,form=1"], segments=(segment(2.0, 50.0, 50.0),))
+    (found,) = diagnose([data], Config(), catalogue=some).effects
+    assert (found.name, found.rivals) == ("time_delay", ("presliding",))
+
+
 def test_bristles_that_never_slip_are_no_presliding() -> None:
     """One length of several bristles is a matter of reversals, but what carries the force is longer than the stroke."""
     bristles, context = EFFECTS["presliding"], build_record([record()], Config()).context(Config(), 5.0)

@@ -175,12 +175,14 @@ class Candidates:
         """Return candidates by name without those that only look like a cause, those near the best in their best forms.
 
         Near is what brings this share of the best one's gain; times of the whole force are with one of them, too: where
-        the base's memory has taken up nearly all, what a plain form gets wrong is all that is left.
+        the base's memory has taken up nearly all, what a plain form gets wrong is all that is left. So is what jumps
+        beside another that acts at reversals: where the drive's periods are whole numbers of samples, a plain gap takes
+        a whole sample of each stroke or nothing.
         """
         best = max(fits.values(), key=lambda c: c.gain, default=None)
         if best is None or best.gain <= 0.0:
             return {}
-        near = [c for c in fits.values() if c.gain > close * best.gain or (best.effect.delays and c.effect.delays)]
+        near = [c for c in fits.values() if c.gain > close * best.gain or _as_sharp(best.effect, c.effect)]
         shaped = dict(fits) | {c.name: self.shaped(model, c) for c in near}
         left = {name: c for name, c in shaped.items() if not c.belied}
         # Without a likeness others are near.
@@ -198,7 +200,7 @@ class Candidates:
         last = after.joint.terms[-1]
         gain = sum(gain_parts(model, after))
         self._settled[id(model), last.name] = [
-            (other.gain + PLAIN * other.samples_N2, self._physical(other))
+            (other.gain + PLAIN * other.samples_N2, self._physical(other.term))
             for (known, name, _), other in self._known.items()
             if known == id(model) and name == last.name and other is not None and other.model is not after
             if not other.belied and gain - other.gain - PLAIN * other.samples_N2 <= left_N2
@@ -211,9 +213,15 @@ class Candidates:
         self._estimates = {key: one for key, one in self._estimates.items() if key in alive}
         self._lacks = {key: one for key, one in self._lacks.items() if key[0] == id(after)}
 
-    def _physical(self, one: Candidate) -> dict[str, float]:
-        values = one.effect.physical(one.term.params, one.term.weights, self.context)
+    def _physical(self, term: Term) -> dict[str, float]:
+        values = term.effect.physical(term.params, term.weights, self.context)
         return {name: value for name, (value, _) in values.items()}
+
+    def moved_by(self, model: Model, one: Candidate) -> list[dict[str, float]]:
+        """Return by how much the quantities of each term of a model differ where the candidate stands beside them."""
+        terms = zip(model.joint.terms, one.model.joint.terms[:-1], strict=True)
+        both = [(self._physical(before), self._physical(after)) for before, after in terms]
+        return [{n: abs(b[n] - value) for n, value in a.items() if n in b} for a, b in both]
 
     def apart(self, model: Model, after: Model, left_N2: float) -> dict[str, float]:
         """Return by how much the quantities of the last term differ in other fits of it that explain nearly as much.
@@ -223,12 +231,12 @@ class Candidates:
         model, after : without and with that term. left_N2 : what no cause explains, by which they may be behind.
         """
         last = after.joint.terms[-1]
-        told = last.effect.physical(last.params, last.weights, self.context)
+        told = self._physical(last)
         gain = sum(gain_parts(model, after))
         out: dict[str, float] = {}
         for reach_N2, values in self._settled.get((id(model), last.name), ()):
             if gain - reach_N2 <= left_N2:
-                out |= {n: max(abs(value - told[n][0]), out.get(n, 0.0)) for n, value in values.items() if n in told}
+                out |= {n: max(abs(value - told[n]), out.get(n, 0.0)) for n, value in values.items() if n in told}
         return out
 
     def moved_over(self, joint: Joint) -> dict[str, float]:
@@ -405,6 +413,13 @@ class Candidates:
         sizes = set(fitted) - set(term.effect.refined)
         told_by_sizes = bool(sizes) and term.weights.size <= len(sizes)  # a free shape may cancel in each of them
         return one_sign <= known and (not told_by_sizes or bool(sizes & known))
+
+
+def _as_sharp(best: type[Effect], other: type[Effect]) -> bool:
+    """Return whether another effect is a time of the whole force as the best one is, or jumps where that one acts."""
+    if best.delays and other.delays:
+        return True
+    return best.acts == REVERSAL == other.acts and other.fixed_gain and bool(other.steps)
 
 
 def signs_kept(joint: Joint) -> bool:

@@ -33,9 +33,6 @@ RISES, RUN_AWAY = 4, 1.01
 """Rounds in a row without a lower cost after which a joint fit ends, and the cost over the lowest one from which that
 round is taken instead: a fixed point may run away."""
 
-MOST = 0.5
-"""Share of the error power without an effect below which it explains most."""
-
 DAMPINGS = (1.0, 0.5, 0.25, 0.1)
 """Shares of a Gauss-Newton step of the refined parameters that are tried, the first that descends is taken."""
 
@@ -122,8 +119,7 @@ class JointFit:
     def _walked(self, found: Joint, terms: Sequence[Term], name: str, base: Coefficients, rounds: int) -> Joint:
         """Return the fit on the best plateau of a jumping parameter, from the one that a search has put it on.
 
-        The search sees a base that has bent towards the effect: the plateau beside the true one may look better. A walk
-        is worth its fits where most is explained, and where the error is larger than without the effect.
+        The search sees a base that has bent towards the effect: the plateau beside the true one may look better.
         """
         reference, features = self._reference(base, terms)
 
@@ -136,10 +132,8 @@ class JointFit:
             def columns(at: float) -> Floats:
                 return self._columns.one(trial(params, at), len(terms) - 1, reference, features)
 
-            if MOST * base.power < here.base.coefficients.power < base.power:
-                return []
-            known, (low, high) = columns(params[name]), terms[-1].effect.bracket(name, params[name], self._context)
-            places = beside(lambda at: np.array_equal(columns(at), known), params[name], low, high)
+            low, high = terms[-1].effect.bracket(name, params[name], self._context)
+            places = beside(lambda a, b: np.array_equal(columns(a), columns(b)), params[name], low, high)
             return [self._fit(trial(params, at), base, rounds, search=False) for at in places]
 
         return downhill(found, neighbours, lambda joint: joint.base.coefficients.cost)

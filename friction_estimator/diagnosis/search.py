@@ -110,6 +110,8 @@ class Searcher:
         asked: list[str] = []
         refused, dropped = set[str](), set[str]()
         weak: list[Candidate] = []
+        unsized: list[Candidate] = []
+        doubtful: list[Candidate] = []
         while True:
             model = models[-1]
             progress(f"screening for cause {len(causes) + 1}", 0.15 + 0.12 * len(causes))
@@ -132,8 +134,13 @@ class Searcher:
             by_data = best.held_N2 > view.needed.get(best.name, view.least)
             if not self._admitted(model, best, by_data, causes) or not self._apart(best, weak):
                 refused.add(best.name)
-                if not self._enough(model, best, causes):
+                enough, sized = self._enough(model, best, causes), self.fits.known_sign(best)
+                if not enough:
                     weak.append(best)
+                elif by_data and not sized:
+                    unsized.append(best)
+                if by_data and sized and self._brings_share(model, best, causes):
+                    doubtful.append(best)
                 if len(refused) == MOST_REFUSED:
                     break
                 continue
@@ -141,12 +148,16 @@ class Searcher:
                 asked.append(best.name)
                 continue
             p_value = view.p_value(best.effect, best.held_N2) if by_data else None
+            # What explains as much, but of a size that the record does not tell, is not named; nor is it ruled out.
+            rivals = tuple(dict.fromkeys([*rivals, *(c.name for c in equals(best, unsized))]))
             causes.append(Cause(best.name, p_value, best.gain, rivals, behind))
             models.append(best.model)
             self.fits.settle(model, best.model, self._left(best.model))
             self._forget(best.model)
             refused.clear()
             weak.clear()
+            unsized.clear()
+            doubtful.clear()
             while (needless := self.fits.superfluous(models[-1], FORMS_SHARE, LATER_SHARE)) is not None:
                 place, last = needless
                 dropped.add(causes[place].name)
@@ -155,6 +166,7 @@ class Searcher:
         left = self._left(models[-1])
         steps = zip(causes, models, models[1:], strict=False)
         causes = [replace(one, apart=self._apart_by(fewer, more, left)) for one, fewer, more in steps]
+        causes = self._beside_refused(models[-1], causes, doubtful)
         return Search(
             self.problem,
             tuple(cause.within(left) for cause in causes),
@@ -244,10 +256,14 @@ class Searcher:
         return bool(after) and self.fits.beyond_memory(model, best, PAIR * (best.gain + max(after)))
 
     def _enough(self, model: Model, best: Candidate, causes: list[Cause]) -> bool:
-        """Return whether a cause brings enough beside the first one, or of what is left above the floor.
+        """Return whether a cause brings its share, and more than what other forms of the earlier causes explain."""
+        if not causes or self.lattice_N > 0.0:
+            return self._brings_share(model, best, causes)
+        ample = best.held_N2 >= _later_N2(model)
+        return self._brings_share(model, best, causes) and self.fits.beyond_forms(model, best, ample=ample)
 
-        And whether it is more than what other forms of the earlier causes explain.
-        """
+    def _brings_share(self, model: Model, best: Candidate, causes: list[Cause]) -> bool:
+        """Return whether a cause brings enough beside the first one, or of what is left above the floor."""
         if not causes:
             return True
         left = self._left(model)
@@ -256,9 +272,7 @@ class Searcher:
         if best.effect.family in {self.catalogue[c.name].family for c in causes} and best.gain < ALIKE_LEFT * left:
             return False
         later = best.effect.delays or best.effect.acts == REVERSAL or self.lattice_N > 0.0
-        if best.gain < (LATER_SHARE if later else FORMS_SHARE) * float(model.loss.sum()) and not best.by_evidence:
-            return False
-        return self.lattice_N > 0.0 or self.fits.beyond_forms(model, best, ample=best.held_N2 >= _later_N2(model))
+        return best.by_evidence or best.gain >= (LATER_SHARE if later else FORMS_SHARE) * float(model.loss.sum())
 
     def _apart(self, best: Candidate, weak: list[Candidate]) -> bool:
         """Return whether a cause brings its share beside the better ones that may be another form of an earlier cause.
@@ -278,6 +292,19 @@ class Searcher:
             name = more.joint.terms[-1].effect.size_key
             apart[name] = max(back, apart.get(name, 0.0))
         return apart
+
+    def _beside_refused(self, model: Model, causes: list[Cause], refused: list[Candidate]) -> list[Cause]:
+        """Return causes whose quantities may also be what they are beside those that were refused last.
+
+        Each brings what a cause must; that other forms of the causes bring it as well does not say that they do.
+        """
+        for one in refused:
+            moved = self.fits.moved_by(model, one)
+            causes = [
+                replace(cause, apart={n: max(by.get(n, 0.0), cause.apart.get(n, 0.0)) for n in {*by, *cause.apart}})
+                for cause, by in zip(causes, moved, strict=True)
+            ]
+        return causes
 
     def _left(self, model: Model) -> float:
         """Return the held-out error power above the noise floor, summed, N^2."""

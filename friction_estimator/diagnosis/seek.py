@@ -17,7 +17,7 @@ HALVINGS = 12
 """Halvings that find the edge of a plateau."""
 
 BEYOND = 0.25
-"""Share of a plateau's width by which the place on the next one lies beyond the edge."""
+"""Share of a plateau's width beyond its edges at which what lies beside it is looked at."""
 
 SCAN_EVALUATIONS, SCAN_TOLERANCE = 8, 1e-3
 """The same between two times of a scan, where the tolerance is absolute."""
@@ -95,15 +95,21 @@ def plateau(same: Callable[[float], bool], place: float, low: float, high: float
     return edges[0], edges[1]
 
 
-def beside(same: Callable[[float], bool], place: float, low: float, high: float) -> list[float]:
-    """Return a place on each of the two plateaus beside that of a place, within bounds.
+def beside(same: Callable[[float, float], bool], place: float, low: float, high: float) -> list[float]:
+    """Return the middle of each of the two plateaus beside that of a place, within bounds.
 
-    >>> [round(v, 2) for v in beside(lambda v: int(v) == 3, 3.2, 0.0, 10.0)]
-    [2.75, 4.25]
+    `same` says of two places whether they lie on one plateau. A narrow plateau between wide ones is not passed over.
+
+    >>> [round(v, 1) for v in beside(lambda a, b: int(a) == int(b), 3.2, 0.0, 10.0)]
+    [2.5, 4.5]
     """
-    first, last = plateau(same, place, low, high)
-    reach = BEYOND * (last - first)
-    return [value for value in (first - reach, last + reach) if low < value < high]
+    first, last = plateau(lambda at: same(at, place), place, low, high)
+    found = []
+    for next_to in (first, last):
+        if low < next_to < high:
+            ends = plateau(lambda at, there=next_to: same(at, there), next_to, low, high)  # type: ignore[misc]
+            found.append(0.5 * (ends[0] + ends[1]))
+    return found
 
 
 def at_end(value: float, low: float, high: float) -> bool:
