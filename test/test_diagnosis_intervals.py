@@ -9,11 +9,13 @@ from diagnosis_records import abba, record
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import BaseProblem
 from friction_estimator.diagnosis.candidates import Candidates
+from friction_estimator.diagnosis.causes import Cause
 from friction_estimator.diagnosis.evidence import Evidence
 from friction_estimator.diagnosis.intervals import Curvature, Estimate, estimates
 from friction_estimator.diagnosis.joint import Joint, JointFit
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import Record, build_record
+from friction_estimator.diagnosis.search import Searcher
 from friction_estimator.effects import EFFECTS
 from friction_estimator.effects.features import Context
 from friction_estimator.effects.shapes import FREE, HATS
@@ -44,6 +46,25 @@ def test_a_gap_is_known_to_a_sample_at_the_best() -> None:
     assert holds(alone["gap"], 1e-5)
     assert alone["gap"].high - alone["gap"].low > 1e-7
     assert beside["gap"].high > alone["gap"].high
+
+
+def test_an_interval_reaches_to_what_a_refused_cause_would_make_of_the_quantity() -> None:
+    """A force that is late beside a film that lags: without the film it is late by another time."""
+    data = build_record([record(["time_delay:delay=0.006"], plant="film_lag")], SEAL)
+    context = data.context(SEAL, float(np.abs(data.friction_N).max()))
+    search = Searcher(data, SEAL, context, EFFECTS, 0)
+    fits = search.fits
+    late = fits(fits.base(), "time_delay", {"delay": 0.006})
+    both = fits(late.model, "frictional_lag", {"lag": 0.006, "rest": 0.0})
+    times = [model.joint.terms[0].params["delay"] for model in (late.model, both.model)]
+    (moved,) = fits.moved_by(late.model, both)
+    assert moved == {"delay": pytest.approx(abs(times[1] - times[0]))}
+    assert moved["delay"] > 1e-4
+    for before in (1e-5, 1.0):
+        (cause,) = search._beside_refused(
+            late.model, [Cause("time_delay", None, 1.0, (), apart={"delay": before})], [both]
+        )
+        assert cause.apart == {"delay": max(before, moved["delay"])}
 
 
 @pytest.mark.parametrize("apart", [1e-4, 1e-6, 1e-8, 3e-9, 1e-9, 1e-10])

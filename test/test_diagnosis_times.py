@@ -9,7 +9,8 @@ from diagnosis_records import abba
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import SPLINES, BaseProblem, Capacity
-from friction_estimator.diagnosis.candidates import Candidate, Candidates
+from friction_estimator.diagnosis.candidate import Candidate
+from friction_estimator.diagnosis.candidates import Candidates
 from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.diagnosis.joint import JointFit
 from friction_estimator.diagnosis.own_columns import OwnColumns, Term, before

@@ -1,14 +1,14 @@
 """Candidates for a cause: effects fitted beside a model and judged by held-out loss. Each fit is made once."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import stdtrit
 
-from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.any_pressure import AnyPressure
 from friction_estimator.diagnosis.base_problem import BaseProblem
+from friction_estimator.diagnosis.candidate import PLAIN, Candidate, Model, as_sharp, gain_parts, signs_kept
 from friction_estimator.diagnosis.capacity import UnlikeMemories
 from friction_estimator.diagnosis.forms import OtherForms, power_N2
 from friction_estimator.diagnosis.intervals import Estimate, estimates
@@ -18,20 +18,8 @@ from friction_estimator.diagnosis.own_columns import Term, time_of
 from friction_estimator.effects.base import REVERSAL, Effect
 from friction_estimator.effects.features import Context
 
-MEMORY_EVIDENCE = 20.0
-"""Prior energy of the base's memory that a delay of the whole force must save to be named by evidence alone: a
-probability ratio of exp(10)."""
-
-PLAIN = 10.0
-"""Times the noise power: surplus of gain that one more parameter must bring."""
-
-SET_ERRORS = 2.0
-SET_SHARE = 0.03
-"""Standard errors of the paired loss, and share of the gain, within which two effects explain the record as well."""
-
 EARLY = 2.5
 """Sample periods after a reversal without which an effect that acts everywhere must still gain."""
-
 
 RESETTLED = 10.0
 """Variances of the residual that an earlier term's other place must save: a probability ratio of exp(5)."""
@@ -51,65 +39,6 @@ comb of minima a sample apart. Less is the rig's own."""
 
 UNDONE = 0.5
 """Of a time that the force is ahead by: what the base's memory may not take back."""
-
-
-@dataclass(frozen=True)
-class Model:
-    """A fitted model and its held-out loss on each block, (blocks,), N^2."""
-
-    joint: Joint
-    loss: Floats
-
-
-def gain_parts(fewer: Model, more: Model) -> tuple[float, float]:
-    """Return the held-out decrease of the error power by further terms, and what the memory's prior saves, N^2 each."""
-    before, after = fewer.joint.base.coefficients, more.joint.base.coefficients
-    saved = after.variance * (before.memory_energy - after.memory_energy)
-    return float((fewer.loss - more.loss).sum()), saved
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """An effect fitted jointly with the model that it is added to.
-
-    Attributes
-    ----------
-    name, effect : which. model : with the effect as its last term.
-    held_N2 : held-out decrease of the error power, summed. saved_N2 : what the prior of the base's memory saves.
-    belied : whether the functional form that the data ask for is another cause's: it looks like this one only.
-    """
-
-    name: str
-    effect: type[Effect]
-    model: Model
-    held_N2: float
-    saved_N2: float
-    belied: bool = False
-
-    @property
-    def gain(self) -> float:
-        """Both together, N^2."""
-        return self.held_N2 + self.saved_N2
-
-    @property
-    def term(self) -> Term:
-        """The effect as it was fitted."""
-        return self.model.joint.terms[-1]
-
-    @property
-    def freedom(self) -> int:
-        """Parameters of the effect."""
-        return (0 if self.effect.fixed_gain else self.term.weights.size) + len(self.effect.refined)
-
-    @property
-    def by_evidence(self) -> bool:
-        """Whether what the memory saves alone would name it."""
-        return self.effect.delays and self.saved_N2 > MEMORY_EVIDENCE * self.model.joint.base.coefficients.variance
-
-    @property
-    def samples_N2(self) -> float:
-        """Error power that is left, per sample."""
-        return float(self.model.loss.sum()) / self.model.joint.base.coefficients.count
 
 
 class Candidates:
@@ -182,7 +111,7 @@ class Candidates:
         best = max(fits.values(), key=lambda c: c.gain, default=None)
         if best is None or best.gain <= 0.0:
             return {}
-        near = [c for c in fits.values() if c.gain > close * best.gain or _as_sharp(best.effect, c.effect)]
+        near = [c for c in fits.values() if c.gain > close * best.gain or as_sharp(best.effect, c.effect)]
         shaped = dict(fits) | {c.name: self.shaped(model, c) for c in near}
         left = {name: c for name, c in shaped.items() if not c.belied}
         # Without a likeness others are near.
@@ -413,51 +342,3 @@ class Candidates:
         sizes = set(fitted) - set(term.effect.refined)
         told_by_sizes = bool(sizes) and term.weights.size <= len(sizes)  # a free shape may cancel in each of them
         return one_sign <= known and (not told_by_sizes or bool(sizes & known))
-
-
-def _as_sharp(best: type[Effect], other: type[Effect]) -> bool:
-    """Return whether another effect is a time of the whole force as the best one is, or jumps where that one acts."""
-    if best.delays and other.delays:
-        return True
-    return best.acts == REVERSAL == other.acts and other.fixed_gain and bool(other.steps)
-
-
-def signs_kept(joint: Joint) -> bool:
-    """Return whether the coefficients have the signs that physics gives them."""
-    return all(
-        sign * weight >= 0.0
-        for term in joint.terms
-        if len(term.effect.signs) == term.weights.size
-        for sign, weight in zip(term.effect.signs, term.weights, strict=True)
-    )
-
-
-def plainest(best: Candidate, others: Sequence[Candidate]) -> Candidate:
-    """Return one with fewer parameters where the best one's surplus is what its further ones bring by chance."""
-    noise_N2 = best.samples_N2
-    close = [c for c in others if best.gain - c.gain < PLAIN * noise_N2 * max(best.freedom - c.freedom, 0)]
-    return min([best, *close], key=lambda c: (c.freedom, -c.gain))
-
-
-def equals(best: Candidate, others: Sequence[Candidate]) -> list[Candidate]:
-    """Return the candidates that explain the record as well as the best one does, best first."""
-    out = []
-    for other in sorted(others, key=lambda c: -c.gain):
-        if other.name == best.name or needs_memory(best, other):
-            continue
-        if within_errors(best, other) or best.gain - other.gain < SET_SHARE * best.gain:
-            out.append(other)
-    return out
-
-
-def needs_memory(best: Candidate, other: Candidate) -> bool:
-    """Return whether beside the other one the base's memory would have to do what the best one does alone."""
-    energy = [c.model.joint.base.coefficients.memory_energy for c in (other, best)]
-    return energy[0] - energy[1] > MEMORY_EVIDENCE
-
-
-def within_errors(best: Candidate, other: Candidate) -> bool:
-    """Return whether the record does not say which of two explains it better."""
-    behind = other.model.loss - best.model.loss
-    error = float(np.std(behind, ddof=1)) * np.sqrt(behind.size)
-    return bool(best.gain - other.gain < SET_ERRORS * error)

@@ -5,11 +5,10 @@ from dataclasses import replace
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import BaseProblem, Capacity
-from friction_estimator.diagnosis.candidates import (
+from friction_estimator.diagnosis.candidate import (
     MEMORY_EVIDENCE,
     PLAIN,
     Candidate,
-    Candidates,
     Model,
     equals,
     gain_parts,
@@ -17,6 +16,7 @@ from friction_estimator.diagnosis.candidates import (
     plainest,
     within_errors,
 )
+from friction_estimator.diagnosis.candidates import Candidates
 from friction_estimator.diagnosis.capacity import in_words, wider
 from friction_estimator.diagnosis.causes import LATER_SHARE, LEAST_SHARE, Cause, Search
 from friction_estimator.diagnosis.excitation import pressure_order
