@@ -142,22 +142,33 @@ def test_a_pause_at_rest_or_with_the_motion_going_on_is_no_jump_of_the_clock(pau
     speed = np.abs(samples.velocity_m_s)
     lost = round(pause_s * 200.0)
     start = int(np.flatnonzero(speed > 0.9 * speed.max())[400])
-    going_on = np.concatenate([np.arange(start), np.arange(start + lost, len(samples))])
-    parts = [samples[:start], samples[start + lost :]]
-    joined = replace(
-        samples,
-        **{
-            name: np.concatenate([getattr(part, name) for part in parts])
-            for name in ("stamp_ns", "velocity_m_s", "friction_N", "restart", "pressure_Pa", "position_m")
-        },
-        temperature_degC=None,
-    )
-    assert going_on.size == len(joined)
-    assert EFFECTS["clock_jump"].detect(view(joined)) is None
+    assert EFFECTS["clock_jump"].detect(view(without(samples, start, start + lost))) is None
     rest = int(np.flatnonzero(speed < 0.02 * speed.max())[100])
     stamps = samples.stamp_ns.copy()
     stamps[rest:] += round(pause_s * NS_PER_S)
     assert EFFECTS["clock_jump"].detect(view(replace(samples, stamp_ns=stamps))) is None
+
+
+def test_a_pause_after_which_the_position_is_back_at_another_speed_is_no_jump_of_the_clock() -> None:
+    """Recorded in a period of 5 s until it was off, and in one of 1 s from there on: a sample at that speed."""
+    samples = run().samples
+    v, x, step_s = samples.velocity_m_s, samples.position_m, 0.005
+    before, after = np.arange(1400, 3000), np.arange(3300, 4300)
+    one = 0.5 * (v[before][:, None] + v[after]) * step_s
+    back = np.abs(x[after] - x[before][:, None] - one) < 0.1 * np.abs(one)
+    faster = (v[after] > 3.0 * v[before][:, None]) & (v[before] > 0.1 * v.max())[:, None]
+    gap_s = (after - before[:, None]) * step_s
+    off_phase = (np.abs(gap_s % 1.0 - 0.5) < 0.3) & (np.abs(gap_s % 5.0 - 2.5) < 2.0)
+    k, j = np.argwhere(back & faster & off_phase)[0]
+    assert EFFECTS["clock_jump"].detect(view(without(samples, before[k] + 1, after[j]))) is None
+
+
+def without(samples: Samples, first: int, last: int) -> Samples:
+    """Return the samples without those from `first` to before `last`: the recorder was off."""
+    names = ("stamp_ns", "velocity_m_s", "friction_N", "restart", "pressure_Pa", "position_m")
+    parts = [samples[:first], samples[last:]]
+    kept = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    return replace(samples, **kept, temperature_degC=None)
 
 
 # The force channel

@@ -65,7 +65,10 @@ class ClockJump(Effect):
 
     @classmethod
     def detect(cls, view: DataView) -> Fault | None:
-        """Find a gap in the stamps over which the position moved on by one sample only."""
+        """Find a gap in the stamps over which position and velocity moved on by one sample only.
+
+        The position alone may be back by chance, where the drive has gone over to another period meanwhile.
+        """
         position, context, v = view.samples.position_m, view.context, view.features.velocity_m_s
         if position is None or "position" not in context.channels:
             return None
@@ -75,12 +78,16 @@ class ClockJump(Effect):
         off = (np.diff(position) - 0.5 * (v[1:] + v[:-1]) * step)[usual]
         off = off[np.isfinite(off)]
         noise = MAD * float(np.median(np.abs(off))) if off.size else 0.0
+        change = np.abs(np.diff(v))
+        usual_change = float(np.max(change[usual & np.isfinite(change)], initial=0.0))
         jumps = []
         for k in np.flatnonzero(same & ((step > LONG_STEP * context.step_s) | (step < 0.0))):
             expected = 0.5 * (v[k] + v[k + 1])
             moved = position[k + 1] - position[k]
             slow = min(v[k] * v[k + 1], expected**2) < (FAST * context.top_speed_m_s) ** 2
             if slow or abs(expected * step[k]) < 0.05 * context.stroke_m or not np.isfinite(moved):
+                continue
+            if change[k] > usual_change:
                 continue
             if any(_whole_periods(float(step[k]), period, context.step_s) for period in context.periods_s):
                 continue
