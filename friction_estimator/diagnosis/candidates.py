@@ -13,7 +13,7 @@ from friction_estimator.diagnosis.capacity import UnlikeMemories
 from friction_estimator.diagnosis.forms import OtherForms, power_N2
 from friction_estimator.diagnosis.intervals import Estimate, estimates
 from friction_estimator.diagnosis.joint import Joint, JointFit, cross_validated_loss
-from friction_estimator.diagnosis.lack_of_fit import LackOfFit, Wider
+from friction_estimator.diagnosis.lack_of_fit import WITHIN, LackOfFit, Wider
 from friction_estimator.diagnosis.own_columns import Term, time_of
 from friction_estimator.effects.base import REVERSAL, Effect
 from friction_estimator.effects.features import Context
@@ -279,15 +279,19 @@ class Candidates:
         """Return whether an effect is more than other forms of the causes in the model, one at least, would be.
 
         Where its gain is ample it may be much the same as they, if it explains clearly more. A time of the whole force
-        does to all of it what other forms do to their part; it must bring a trace beside them. What it saves of the
-        memory's prior they cannot make up for.
+        does to all of it what other forms do to their part; it must bring a trace beside them. Beside it the base and
+        its memory are others, too: what the whole fit takes off the residual may bring its share instead. What it saves
+        of the memory's prior they cannot make up for.
         """
         if one.gain > power_N2(model.joint):
             return True
         lack, force_N = self._beside(model, OtherForms), one.model.joint.parts_N[-1]
-        if one.effect.delays:
-            return one.saved_N2 > one.held_N2 or lack.beside(force_N) >= TIME_BESIDE_FORMS * one.gain
-        return lack.is_less(force_N, one.gain, CLEARLY if ample else 0.0)
+        if not one.effect.delays:
+            return lack.is_less(force_N, one.gain, CLEARLY if ample else 0.0)
+        if one.saved_N2 > one.held_N2 or lack.beside(force_N) >= TIME_BESIDE_FORMS * one.gain:
+            return True
+        taken_off_N = model.joint.residual_N - one.model.joint.residual_N
+        return lack.beside(taken_off_N) >= WITHIN * one.gain
 
     def within_pressures(self, model: Model, one: Candidate, least_N2: float) -> bool:
         """Return whether an effect brings as much as this beside any dependence on the recorded pressure."""
