@@ -163,6 +163,21 @@ def test_a_pause_after_which_the_position_is_back_at_another_speed_is_no_jump_of
     assert EFFECTS["clock_jump"].detect(view(without(samples, before[k] + 1, after[j]))) is None
 
 
+def test_a_jump_of_the_clock_where_the_velocity_changes_most_is_found() -> None:
+    """Nowhere else does a noisy velocity change by as much in one sample."""
+    samples = run(segments=(segment(3.0, 50.0, 60.0, "triangle"),)).samples
+    velocity = samples.velocity_m_s + 3e-3 * np.random.default_rng(1).standard_normal(len(samples))
+    top = np.abs(velocity).max()
+    quick = np.minimum(np.abs(velocity[1:]), np.abs(velocity[:-1])) > 0.3 * top
+    k = int(np.argmax(np.abs(np.diff(velocity)) * quick)) + 1
+    velocity[k:] += 1e-3 * np.sign(velocity[k] - velocity[k - 1])  # the largest change of all
+    assert np.argmax(np.abs(np.diff(velocity))) == k - 1
+    stamps = samples.stamp_ns + np.where(np.arange(len(samples)) >= k, round(0.62 * NS_PER_S), 0)
+    jump = EFFECTS["clock_jump"].detect(view(replace(samples, stamp_ns=stamps, velocity_m_s=velocity)))
+    assert jump is not None
+    assert jump.parameters["jump"][0] == pytest.approx(0.62, abs=0.01)
+
+
 def without(samples: Samples, first: int, last: int) -> Samples:
     """Return the samples without those from `first` to before `last`: the recorder was off."""
     names = ("stamp_ns", "velocity_m_s", "friction_N", "restart", "pressure_Pa", "position_m")

@@ -149,7 +149,8 @@ class Searcher:
                 continue
             p_value = view.p_value(best.effect, best.held_N2) if by_data else None
             # What explains as much, but of a size that the record does not tell, is not named; nor is it ruled out.
-            rivals = tuple(dict.fromkeys([*rivals, *(c.name for c in equals(best, unsized))]))
+            as_good = [c.name for c in equals(best, unsized) if equals(c, [best])]
+            rivals = tuple(dict.fromkeys([*rivals, *as_good]))
             causes.append(Cause(best.name, p_value, best.gain, rivals, behind))
             models.append(best.model)
             self.fits.settle(model, best.model, self._left(best.model))

@@ -20,6 +20,9 @@ MOST_JUMPS = 3
 LONG_STEP = 4.0
 """Sample periods: shorter steps are lost messages."""
 
+SUDDEN = 2.0
+"""Times the largest change of the velocity in a sample elsewhere: more is none of one sample."""
+
 SAME_PHASE = 0.05
 """Share of the period by which a gap must miss its multiples: a recorder that was off for whole periods shows the shaft
 where it left it, and no clock was set."""
@@ -87,7 +90,7 @@ class ClockJump(Effect):
             slow = min(v[k] * v[k + 1], expected**2) < (FAST * context.top_speed_m_s) ** 2
             if slow or abs(expected * step[k]) < 0.05 * context.stroke_m or not np.isfinite(moved):
                 continue
-            if change[k] > usual_change:
+            if change[k] > SUDDEN * usual_change:
                 continue
             if any(_whole_periods(float(step[k]), period, context.step_s) for period in context.periods_s):
                 continue
