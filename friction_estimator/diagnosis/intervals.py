@@ -12,7 +12,7 @@ from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.library import columns_of
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import Record
-from friction_estimator.diagnosis.seek import BEYOND, plateau
+from friction_estimator.diagnosis.seek import plateau
 from friction_estimator.effects.features import Context
 
 MEMORY_SHARE = 0.1
@@ -21,6 +21,9 @@ which the prior knows that much, delays the force as well."""
 
 LEAST_TOLD = 1e-9
 """Of the variance that white noise would give: from which on that of the blocks is lifted to it."""
+
+BEYOND = 0.25
+"""Share of a plateau's width beyond its edges at which what lies beside it is looked at."""
 
 MISFIT = 0.2
 """Correlation up to which what no cause explains may lie along a quantity's own part of its columns, as of a load

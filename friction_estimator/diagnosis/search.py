@@ -1,7 +1,7 @@
 """The search for causes: screen, gate, compare by joint refit, look one cause ahead where two come close."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import BaseProblem, Capacity
@@ -74,6 +74,22 @@ SET_ERRORS, SET_SHARE = 2.0, 0.03
 Progress = Callable[[str, float], None]
 
 
+@dataclass(frozen=True)
+class _Refused:
+    """A best candidate that was not named.
+
+    Attributes
+    ----------
+    weak : it brings too little. unsized : enough, but its length or time may be nothing.
+    doubtful : its share, and of known size; another guard refused it.
+    """
+
+    one: Candidate
+    weak: bool
+    unsized: bool
+    doubtful: bool
+
+
 class Searcher:
     """The search on one record.
 
@@ -108,10 +124,8 @@ class Searcher:
         causes: list[Cause] = []
         warnings: list[str] = []
         asked: list[str] = []
-        refused, dropped = set[str](), set[str]()
-        weak: list[Candidate] = []
-        unsized: list[Candidate] = []
-        doubtful: list[Candidate] = []
+        dropped = set[str]()
+        refused: list[_Refused] = []
         while True:
             model = models[-1]
             progress(f"screening for cause {len(causes) + 1}", 0.15 + 0.12 * len(causes))
@@ -119,7 +133,7 @@ class Searcher:
             found = None
             if len(causes) < MOST_CAUSES:
                 progress(f"comparing causes {len(causes) + 1}", 0.2 + 0.12 * len(causes))
-                found = self._winner(model, view, causes, {*asked, *refused, *dropped})
+                found = self._winner(model, view, causes, {*asked, *(r.one.name for r in refused), *dropped})
             if not causes and not refused and len(warnings) < 2:
                 capacity, lack = wider(model.joint, view.evidence)
                 gained = found[0].gain if found else 0.0
@@ -132,15 +146,12 @@ class Searcher:
                 break
             best, rivals, behind = found
             by_data = best.held_N2 > view.needed.get(best.name, view.least)
-            if not self._admitted(model, best, by_data, causes) or not self._apart(best, weak):
-                refused.add(best.name)
-                enough, sized = self._enough(model, best, causes), self.fits.known_sign(best)
-                if not enough:
-                    weak.append(best)
-                elif by_data and not sized:
-                    unsized.append(best)
-                if by_data and sized and self._brings_share(model, best, causes):
-                    doubtful.append(best)
+            if not self._admitted(model, best, by_data, causes) or not self._apart(
+                best, [r.one for r in refused if r.weak]
+            ):
+                weak, sized = not self._enough(model, best, causes), by_data and self.fits.known_sign(best)
+                unsized = by_data and not sized and not weak
+                refused.append(_Refused(best, weak, unsized, sized and self._brings_share(model, best, causes)))
                 if len(refused) == MOST_REFUSED:
                     break
                 continue
@@ -149,16 +160,13 @@ class Searcher:
                 continue
             p_value = view.p_value(best.effect, best.held_N2) if by_data else None
             # What explains as much, but of a size that the record does not tell, is not named; nor is it ruled out.
-            as_good = [c.name for c in equals(best, unsized) if equals(c, [best])]
+            as_good = [c.name for c in equals(best, [r.one for r in refused if r.unsized]) if equals(c, [best])]
             rivals = tuple(dict.fromkeys([*rivals, *as_good]))
             causes.append(Cause(best.name, p_value, best.gain, rivals, behind))
             models.append(best.model)
             self.fits.settle(model, best.model, self._left(best.model))
             self._forget(best.model)
             refused.clear()
-            weak.clear()
-            unsized.clear()
-            doubtful.clear()
             while (needless := self.fits.superfluous(models[-1], FORMS_SHARE, LATER_SHARE)) is not None:
                 place, last = needless
                 dropped.add(causes[place].name)
@@ -167,7 +175,7 @@ class Searcher:
         left = self._left(models[-1])
         steps = zip(causes, models, models[1:], strict=False)
         causes = [replace(one, apart=self._apart_by(fewer, more, left)) for one, fewer, more in steps]
-        causes = self._beside_refused(models[-1], causes, doubtful)
+        causes = self._beside_refused(models[-1], causes, [r.one for r in refused if r.doubtful])
         return Search(
             self.problem,
             tuple(cause.within(left) for cause in causes),
@@ -258,10 +266,11 @@ class Searcher:
 
     def _enough(self, model: Model, best: Candidate, causes: list[Cause]) -> bool:
         """Return whether a cause brings its share, and more than what other forms of the earlier causes explain."""
+        if not self._brings_share(model, best, causes):
+            return False
         if not causes or self.lattice_N > 0.0:
-            return self._brings_share(model, best, causes)
-        ample = best.held_N2 >= _later_N2(model)
-        return self._brings_share(model, best, causes) and self.fits.beyond_forms(model, best, ample=ample)
+            return True
+        return self.fits.beyond_forms(model, best, ample=best.held_N2 >= _later_N2(model))
 
     def _brings_share(self, model: Model, best: Candidate, causes: list[Cause]) -> bool:
         """Return whether a cause brings enough beside the first one, or of what is left above the floor."""

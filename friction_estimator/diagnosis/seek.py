@@ -16,9 +16,6 @@ ZOOM_POINTS, ZOOM_LEVELS = 13, 3
 HALVINGS = 12
 """Halvings that find the edge of a plateau."""
 
-BEYOND = 0.25
-"""Share of a plateau's width beyond its edges at which what lies beside it is looked at."""
-
 SCAN_EVALUATIONS, SCAN_TOLERANCE = 8, 1e-3
 """The same between two times of a scan, where the tolerance is absolute."""
 
