@@ -9,10 +9,10 @@ from friction_estimator.diagnosis.base_problem import BaseProblem
 from friction_estimator.diagnosis.candidates import Candidates
 from friction_estimator.diagnosis.causes import LATER_SHARE
 from friction_estimator.diagnosis.diagnose import diagnose
+from friction_estimator.diagnosis.guards import FORMS_SHARE
 from friction_estimator.diagnosis.joint import JointFit
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import build_record
-from friction_estimator.diagnosis.search import FORMS_SHARE
 from friction_estimator.effects import EFFECTS, Effect
 from friction_estimator.rig.drive import Segment, segment
 

@@ -1,0 +1,157 @@
+"""Which candidate explains a model's remainder best: joint refits, other forms, and a look one cause ahead."""
+
+from collections.abc import Collection, Mapping, Sequence
+
+from friction_estimator.diagnosis.candidate import (
+    PLAIN,
+    Candidate,
+    Model,
+    equals,
+    needs_memory,
+    plainest,
+    within_errors,
+)
+from friction_estimator.diagnosis.causes import Cause
+from friction_estimator.diagnosis.guards import SECOND_SHARE, Guards, later_N2
+from friction_estimator.diagnosis.rivals import alike, closest
+from friction_estimator.diagnosis.views import Views
+from friction_estimator.effects.base import REVERSAL, SLOW, Effect
+
+CANDIDATES = 6
+"""Effects that are compared by joint refit."""
+
+CONTENDER = 0.25
+"""Share of the best gain below which an effect is not refitted, and is no rival."""
+
+MEASURED_SHARE = 0.25
+"""Of the best gain: what a recorded variable must explain to be preferred to an unrecorded one."""
+
+CLOSE = 0.6
+"""Of the best gain: what a candidate of another family must bring to be compared with the best one cause ahead."""
+
+OPTIONS = 4
+"""Candidates that are compared so, the best included."""
+
+MOST_ALIKE = 3
+"""Effects that only the angles between columns call rivals, and that are fitted to confirm it."""
+
+SET_ERRORS, SET_SHARE = 2.0, 0.03
+"""Standard errors, and share of the effect, within which the angles call two effects alike."""
+
+
+class Comparison:
+    """Compares what passes the gate beside a model.
+
+    Parameters
+    ----------
+    views : what is seen beside each model. guards : what may be named.
+    """
+
+    def __init__(self, views: Views, guards: Guards) -> None:
+        self._views, self._guards, self._fits = views, guards, views.fits
+
+    def winner(
+        self, model: Model, causes: Sequence[Cause], out: Collection[str]
+    ) -> tuple[Candidate, tuple[str, ...], dict[str, float]] | None:
+        """Return the best candidate in its best form, the names of its equals, and how far behind it others are."""
+        view = self._views.of(model)
+        fits = self._compared(model, out)
+        plain = dict(fits)
+        fits = self._fits.in_best_forms(model, fits, CLOSE)
+        if not fits:
+            return None
+        best = plainest(max(fits.values(), key=lambda c: c.gain), list(fits.values()))
+        best = self._measured(model, best, list(fits.values()), causes)
+        best = self._fits.resettled(model, self._ahead(self._fits.shaped(model, best), fits, plain))
+        found = alike(view.evidence, view.library, best.model.joint.parts_N[-1], CONTENDER)
+        for name in [n for n in closest(found, SET_ERRORS, SET_SHARE) if n not in plain and n not in out][:MOST_ALIKE]:
+            one_more = self._fits(model, name, found[name].params)
+            if one_more is not None:
+                fits[name] = one_more
+        same = equals(best, list(fits.values()))
+        # What goes with time is made as well as that of a recorded variable by many a shape; anything else is not.
+        slow = best.effect.acts == SLOW
+        measured = next((c for c in same if c.effect.recorded and (slow or within_errors(best, c))), None)
+        if measured is not None and not best.effect.recorded:
+            # Of equals the one whose cause was recorded is named: it needs no cause that nobody saw.
+            best = measured
+            same = equals(best, list(fits.values()))
+        close = sorted((c for c in fits.values() if c.gain > CLOSE * best.gain), key=lambda c: -c.gain)
+        behind = {c.name: best.gain - c.gain for c in close if c.name != best.name and not needs_memory(best, c)}
+        return best, tuple(dict.fromkeys([*(c.name for c in same), *self._by_design(best.effect)])), behind
+
+    def _compared(self, model: Model, out: Collection[str]) -> dict[str, Candidate]:
+        """Refit the best candidates jointly with base and earlier causes."""
+        passing = self._views.passing(model, out)
+        top = [s for s in passing[:CANDIDATES] if s.gain > CONTENDER * passing[0].gain]
+        known = {s.name for s in top}
+        # What shows at reversals is badly screened while the base model has bent towards it.
+        top += [s for s in passing if s.hypothesis.effect.acts == REVERSAL and s.name not in known][:3]
+        known = {s.name for s in top}
+        top += [s for s in passing if s.hypothesis.effect.delays and s.name not in known]
+        fitted = [self._fits(model, s.name, s.params) for s in top]
+        return {c.name: c for c in fitted if c is not None}
+
+    def _measured(
+        self, model: Model, best: Candidate, others: Sequence[Candidate], causes: Sequence[Cause]
+    ) -> Candidate:
+        """Return the recorded cause, where the best one would have had to change with it.
+
+        Where the pressures come in one order a slow change may be theirs; one that goes on within each of them is not.
+        A model that still misses as much as that says nothing of it.
+        """
+        if not self._views.ordered or best.effect.acts != SLOW:
+            return best
+        least = max(later_N2(model), self._views.left_N2(best.model))
+        for one in others:
+            enough = one.gain > MEASURED_SHARE * best.gain and self._guards.enough(model, one, causes)
+            if one.effect.recorded and enough and not self._fits.within_pressures(model, best, least):
+                return one
+        return best
+
+    def _ahead(self, best: Candidate, fits: Mapping[str, Candidate], plain: Mapping[str, Candidate]) -> Candidate:
+        """Return the candidate that explains most together with the cause that would come after it.
+
+        Looked at only where another family or time of the whole force comes close, or the best one in its `plain` form,
+        and the best one leaves more than noise: another form of a cause may make up for half of what a second cause
+        does. What was recorded is not given up for what nobody saw. A cause more must bring its share, and a parameter
+        more what it brings beyond chance.
+        """
+        if best.effect.recorded:
+            return best
+        close = [
+            c
+            for c in sorted(fits.values(), key=lambda c: -c.gain)
+            if c.name != best.name and c.gain > CLOSE * best.gain
+            if c.effect.family != best.effect.family or c.effect.delays
+        ]
+        first = plain.get(best.name, best)
+        options = [best] if first is best else [best, first]
+        options += close[: OPTIONS - len(options)]
+        if not options[1:] or self._views.left_N2(best.model) < SECOND_SHARE * best.gain:
+            return best
+        return max(options, key=lambda c: self._worth(c, best))
+
+    def _worth(self, option: Candidate, best: Candidate) -> float:
+        """Return the gain of an option with the best cause after it, less what further parameters bring by chance."""
+        after = [(self._fits(option.model, name, p), needed) for name, p, needed in self._views.followers(option.model)]
+        alone = option.gain - PLAIN * option.freedom * best.samples_N2
+        with_more = [
+            c.gain - PLAIN * c.freedom * best.samples_N2 - SECOND_SHARE * best.gain
+            for c, needed in after
+            if c is not None and c.held_N2 > needed
+        ]
+        if option is not best:
+            self._views.forget(option.model)
+        return alone + max([0.0, *with_more])
+
+    def _by_design(self, effect: type[Effect]) -> list[str]:
+        """Return what a recorded cause that only changed in one order cannot be told from: whatever goes with time."""
+        if not self._views.ordered:
+            return []
+        if effect.recorded:
+            return [name for name, cls in self._views.catalogue.items() if cls.acts == SLOW]
+        if effect.acts == SLOW:
+            recorded = [name for name, cls in self._views.catalogue.items() if cls.recorded]
+            return [name for name in recorded if self._views.catalogue[name].channel in self._views.context.channels]
+        return []

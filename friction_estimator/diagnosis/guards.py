@@ -1,0 +1,95 @@
+"""What a best candidate must pass before it is named: its share, and to be more than lack of fit of what is there."""
+
+from collections.abc import Sequence
+
+from friction_estimator.diagnosis.candidate import Candidate, Model
+from friction_estimator.diagnosis.causes import LATER_SHARE, Cause
+from friction_estimator.diagnosis.views import SECOND_LEFT, Views
+from friction_estimator.effects.base import REVERSAL
+
+FORMS_SHARE = 0.006
+"""Share of the error power that a further cause must bring where it is more than other forms of the earlier ones."""
+
+SECOND_SHARE = 0.02
+"""A further cause must bring this share of the first one's gain."""
+
+ALIKE_LEFT = 0.8
+"""Or `SECOND_LEFT` of what the causes before it have left above the noise floor, this share where it is an alternative
+of one of them: a first cause of great power, a trait of the rig, must not hide a second one."""
+
+PAIR = 0.95
+"""Of what a cause and the next one explain: what unlike memories, which make up for both, may explain at the most."""
+
+
+class Guards:
+    """Says of candidates whether they may be named.
+
+    Parameters
+    ----------
+    views : what is seen beside each model. smoothed : a noisy velocity was smoothed: what is gained by smoothing it
+        further is no cause.
+    """
+
+    def __init__(self, views: Views, smoothed: bool) -> None:
+        self._views, self._fits, self._smoothed = views, views.fits, smoothed
+
+    def admit(self, model: Model, best: Candidate, by_data: bool, causes: Sequence[Cause]) -> bool:
+        """Return whether the best candidate may be named."""
+        if not (by_data or best.by_evidence) or not self.enough(model, best, causes):
+            return False
+        fits = self._fits
+        if not by_data:
+            return True
+        if self._smoothed and fits.undone(model, best):
+            return False
+        return fits.stands(model, best) and fits.known_sign(best) and self._beyond_memory(model, best)
+
+    def _beyond_memory(self, model: Model, best: Candidate) -> bool:
+        """Return whether a cause, or it with the one that would come after it, is more than unlike memories would be.
+
+        Where two causes are left the memories make up for both.
+        """
+        if self._fits.beyond_memory(model, best, best.gain):
+            return True
+        pairs = ((self._fits(best.model, name, p), needed) for name, p, needed in self._views.followers(best.model))
+        after = [one.gain for one, needed in pairs if one is not None and one.held_N2 > needed]
+        return bool(after) and self._fits.beyond_memory(model, best, PAIR * (best.gain + max(after)))
+
+    def enough(self, model: Model, best: Candidate, causes: Sequence[Cause]) -> bool:
+        """Return whether a cause brings its share, and more than what other forms of the earlier causes explain."""
+        if not self.brings_share(model, best, causes):
+            return False
+        if not causes or self._views.lattice_N > 0.0:
+            return True
+        return self._fits.beyond_forms(model, best, ample=best.held_N2 >= later_N2(model))
+
+    def brings_share(self, model: Model, best: Candidate, causes: Sequence[Cause]) -> bool:
+        """Return whether a cause brings enough beside the first one, or of what is left above the floor."""
+        if not causes:
+            return True
+        left = self._views.left_N2(model)
+        if best.gain < SECOND_SHARE * causes[0].gain and best.gain < SECOND_LEFT * left:
+            return False
+        if (
+            best.effect.family in {self._views.catalogue[c.name].family for c in causes}
+            and best.gain < ALIKE_LEFT * left
+        ):
+            return False
+        later = best.effect.delays or best.effect.acts == REVERSAL or self._views.lattice_N > 0.0
+        return best.by_evidence or best.gain >= (LATER_SHARE if later else FORMS_SHARE) * float(model.loss.sum())
+
+    def apart(self, best: Candidate, weak: Sequence[Candidate]) -> bool:
+        """Return whether a cause brings its share beside the better ones that may be another form of an earlier cause.
+
+        What it shares with them may be that form as well.
+        """
+        better = [one for one in weak if one.gain > best.gain]
+        if best.by_evidence or not better:
+            return True
+        beside = ((one, self._fits(one.model, best.name, best.term.params)) for one in better)
+        return all(both is not None and both.gain > later_N2(one.model) for one, both in beside)
+
+
+def later_N2(model: Model) -> float:
+    """Return the gain that a cause beside the others of this model must bring, N^2."""
+    return LATER_SHARE * float(model.loss.sum())

@@ -1,0 +1,116 @@
+"""What a search sees beside each of its models: what screening says is left, and what comes next."""
+
+from collections.abc import Collection, Mapping, Sequence
+
+from friction_estimator.core.settings.config import Config
+from friction_estimator.diagnosis.base_problem import BaseProblem, Capacity
+from friction_estimator.diagnosis.candidate import MEMORY_EVIDENCE, Model
+from friction_estimator.diagnosis.candidates import Candidates
+from friction_estimator.diagnosis.causes import LATER_SHARE, LEAST_SHARE
+from friction_estimator.diagnosis.excitation import pressure_order
+from friction_estimator.diagnosis.floor import noise_floor
+from friction_estimator.diagnosis.library import build_library
+from friction_estimator.diagnosis.record import Record
+from friction_estimator.diagnosis.screening import Screened, View, screening
+from friction_estimator.effects.base import REVERSAL, SLOW, Effect
+from friction_estimator.effects.detection import Fault
+from friction_estimator.effects.features import Context
+
+Catalogue = Mapping[str, type[Effect]]
+
+SECOND_LEFT = 0.2
+"""Share of a model's error power that must be left above the noise floor before the alternatives of a named cause are
+looked at, too."""
+
+FOLLOWERS = 2
+"""Effects that are fitted beside a candidate."""
+
+
+class Views:
+    """What is seen of one record beside the models of one base: screened once for each model.
+
+    Parameters
+    ----------
+    record : repaired. context : facts about it. catalogue : effects by name. seed : of folds and bootstrap.
+    faults : that were found in the data already, and repaired: they are no causes. capacity : of the base.
+    """
+
+    def __init__(
+        self,
+        record: Record,
+        config: Config,
+        context: Context,
+        catalogue: Catalogue,
+        seed: int,
+        faults: Sequence[Fault] = (),
+        capacity: Capacity | None = None,
+    ) -> None:
+        self.record, self.context, self.catalogue, self.seed = record, context, catalogue, seed
+        self.known = {f.name for f in faults}
+        self.lattice_N = max((f.lattice_N for f in faults), default=0.0)
+        self.ordered = bool(pressure_order(record))
+        self.problem = BaseProblem(record, config, capacity)
+        self.fits = Candidates(self.problem, context, catalogue, seed)
+        self._samples = max(int(record.used.sum()), 1)
+        self._views: dict[int, View] = {}
+        self._after: dict[int, list[tuple[str, dict[str, float], float]]] = {}
+
+    def of(self, model: Model) -> View:
+        """Return what screening the library says about a model's residual."""
+        if id(model) not in self._views:
+            joint = model.joint
+            evidence = joint.evidence(self.record, self.seed)
+            out = {*self.known, *self._excluded(model)}
+            if self.ordered and any(t.effect.recorded for t in joint.terms):
+                out |= {n for n, cls in self.catalogue.items() if cls.acts == SLOW}
+            library = build_library(self.catalogue, joint.features, joint.reference, self.context, evidence, out)
+            # What a lattice leaves is no noise either.
+            least = (LATER_SHARE if self.lattice_N else LEAST_SHARE) * float(evidence.ee.sum())
+            self._views[id(model)] = screening(
+                self.record, model.joint, evidence, library, least, self.lattice_N, self.seed
+            )
+            self.fits.keep(model)
+        return self._views[id(model)]
+
+    def _excluded(self, model: Model) -> set[str]:
+        """Return what is in a model, with its alternatives unless it leaves much; of the times it takes one."""
+        there = {t.name for t in model.joint.terms}
+        families = {self.catalogue[name].family for name in there}
+        alike = {name for name, cls in self.catalogue.items() if cls.family in families}
+        if alike == there or self.left_N2(model) < SECOND_LEFT * float(model.loss.sum()):
+            return alike
+        return there | {name for name in alike if self.catalogue[name].delays}
+
+    def left_N2(self, model: Model) -> float:
+        """Return the held-out error power above the noise floor, summed, N^2."""
+        floor = noise_floor(self.record, model.joint.residual_N, self.lattice_N)
+        return max(0.0, float(model.loss.sum()) - self._samples * floor**2)
+
+    def passing(self, model: Model, out: Collection[str]) -> list[Screened]:
+        """Return what passes the gate, best first, and after it the times that may be hidden.
+
+        The base's memory hides a late force, the length of what acts at reversals one that is ahead: both shift.
+        """
+        view = self.of(model)
+        some = [s for s in view.screened if s.name not in out]
+        passing = [s for s in some if s.gain > view.needed[s.name]]
+        hidden = model.joint.base.coefficients.memory_energy > MEMORY_EVIDENCE
+        hidden |= any(t.effect.acts == REVERSAL and not t.effect.delays for t in model.joint.terms)
+        return passing + [s for s in some if s not in passing and s.hypothesis.effect.delays and hidden]
+
+    def followers(self, model: Model) -> list[tuple[str, dict[str, float], float]]:
+        """Return name and parameters of the effects that pass best after a model, and what each must bring, N^2."""
+        if id(model) not in self._after:
+            view = self.of(model)
+            passing = self.passing(model, ())[:FOLLOWERS]
+            self._after[id(model)] = [(s.name, s.params, view.needed[s.name]) for s in passing]
+        return self._after[id(model)]
+
+    def keep_only(self, model: Model) -> None:
+        """Forget what was seen beside other models: what the library says of one is the largest thing there is."""
+        self._views = {key: view for key, view in self._views.items() if key == id(model)}
+        self._after = {key: some for key, some in self._after.items() if key == id(model)}
+
+    def forget(self, model: Model) -> None:
+        """Forget what was seen beside a model, but for what comes after it."""
+        self._views.pop(id(model), None)
