@@ -12,7 +12,7 @@ from friction_estimator.diagnosis.candidate import (
     within_errors,
 )
 from friction_estimator.diagnosis.causes import Cause
-from friction_estimator.diagnosis.guards import SECOND_SHARE, Guards, later_N2
+from friction_estimator.diagnosis.guards import SECOND_SHARE, Guards
 from friction_estimator.diagnosis.rivals import alike, closest
 from friction_estimator.diagnosis.views import Views
 from friction_estimator.effects.base import REVERSAL, SLOW, Effect
@@ -98,14 +98,10 @@ class Comparison:
         """Return the recorded cause, where the best one would have had to change with it.
 
         Where the pressures come in one order a slow change may be theirs; one that goes on within each of them is not.
-        A model that still misses as much as that says nothing of it.
         """
-        if not self._views.ordered or best.effect.acts != SLOW:
-            return best
-        least = max(later_N2(model), self._views.left_N2(best.model))
-        for one in others:
+        for one in others if self._views.ordered and best.effect.acts == SLOW else ():
             enough = one.gain > MEASURED_SHARE * best.gain and self._guards.enough(model, one, causes)
-            if one.effect.recorded and enough and not self._fits.within_pressures(model, best, least):
+            if one.effect.recorded and enough and not self._guards.beyond_pressure(model, best):
                 return one
         return best
 

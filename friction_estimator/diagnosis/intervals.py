@@ -25,9 +25,9 @@ LEAST_TOLD = 1e-9
 BEYOND = 0.25
 """Share of a plateau's width beyond its edges at which what lies beside it is looked at."""
 
-MISFIT = 0.2
-"""Correlation up to which what no cause explains may lie along a quantity's own part of its columns, as of a load
-(decision 0072)."""
+MISFIT = 0.35
+"""Correlation up to which what no cause explains may lie along a quantity's own part of its columns
+(decision 0178)."""
 
 
 @dataclass(frozen=True)

@@ -61,8 +61,6 @@ class Views:
             joint = model.joint
             evidence = joint.evidence(self.record, self.seed)
             out = {*self.known, *self._excluded(model)}
-            if self.ordered and any(t.effect.recorded for t in joint.terms):
-                out |= {n for n, cls in self.catalogue.items() if cls.acts == SLOW}
             library = build_library(self.catalogue, joint.features, joint.reference, self.context, evidence, out)
             # What a lattice leaves is no noise either.
             least = (LATER_SHARE if self.lattice_N else LEAST_SHARE) * float(evidence.ee.sum())
@@ -102,9 +100,14 @@ class Views:
         """Return name and parameters of the effects that pass best after a model, and what each must bring, N^2."""
         if id(model) not in self._after:
             view = self.of(model)
-            passing = self.passing(model, ())[:FOLLOWERS]
+            passing = self.passing(model, self._with_pressure(model))[:FOLLOWERS]
             self._after[id(model)] = [(s.name, s.params, view.needed[s.name]) for s in passing]
         return self._after[id(model)]
+
+    def _with_pressure(self, model: Model) -> set[str]:
+        """Return what may be another form of a recorded cause in a model: where that changed in one order, all slow."""
+        recorded = any(t.effect.recorded for t in model.joint.terms)
+        return {n for n, cls in self.catalogue.items() if cls.acts == SLOW} if self.ordered and recorded else set()
 
     def keep_only(self, model: Model) -> None:
         """Forget what was seen beside other models: what the library says of one is the largest thing there is."""
