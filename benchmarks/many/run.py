@@ -1,5 +1,8 @@
 """What a second process is worth to `sweep` and `diagnose --each`, and a Dask cluster, and whether it changes a bit.
 
+Beside it what the machine gives: the verb on one process twice at once, two that share nothing but the machine. Two
+cores that share caches, memory or a clock limit do less than twice the work of one, whoever hands it out.
+
 A part of `python benchmarks/bench.py`: 64 configurations over three recordings of 60 s at 1 kHz, and a fleet of 16
 recordings of 64 s at 100 Hz, of which fewer are diagnosed, too. All take turns. The cluster is a scheduler and two
 workers of one thread, each a process of its own, which are there before.
@@ -9,6 +12,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -59,6 +63,14 @@ class Verb:
 
         return measurement
 
+    def twice(self) -> Cost:
+        """Measure the verb on one process, started twice at once: until both have ended."""
+        alone = self.on("--workers", "1")
+        with ThreadPoolExecutor(2) as threads:
+            first, second = threads.map(lambda _: alone(), range(2))
+        cpu, memory = first.cpu + second.cpu, first.memory + second.memory
+        return Cost(cpu, max(first.clock, second.clock), memory)
+
     @property
     def equal(self) -> bool:
         """Whether all rows so far were the same to the bit."""
@@ -89,6 +101,7 @@ def measured(rounds: int, seconds: int, settings: int, fleet: int) -> dict[str, 
             for name, verb in verbs.items():
                 measurements |= {(name, workers): verb.on("--workers", str(workers)) for workers in WORKERS}
                 measurements[name, "dask"] = verb.on("--scheduler", address)
+                measurements[name, "twice"] = verb.twice
             for count in counts:
                 part_of = Verb(["diagnose", *short[:count], "--each"], folder)
                 measurements["recordings", count] = part_of.on("--workers", "1")
@@ -107,6 +120,7 @@ def measured(rounds: int, seconds: int, settings: int, fleet: int) -> dict[str, 
                 "workers": WORKERS,
                 "processes": [found[name, workers] for workers in WORKERS],
                 "dask": found[name, "dask"],
+                "twice": found[name, "twice"],
             }
             for name, verb in verbs.items()
         },
