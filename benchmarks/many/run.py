@@ -129,4 +129,4 @@ def measured(rounds: int, seconds: int, settings: int, fleet: int) -> dict[str, 
 
 
 if __name__ == "__main__":
-    part(measured, __doc__, rounds=4, seconds=60, settings=4, fleet=16)
+    part(measured, __doc__, rounds=3, seconds=60, settings=4, fleet=16)
