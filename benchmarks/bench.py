@@ -41,7 +41,7 @@ PARTS = {
     "start_up": Part("reading/start_up.py", 1.0, "--rounds 1"),
     "reading": Part("reading/pairs.py", 5.0, "--pairs 5000 --rounds 1"),
     "long": Part("reading/long.py", 20.0, "--samples 100000 --rounds 1"),
-    "many": Part("many/run.py", 24.0, "--rounds 1 --seconds 10 --settings 1 --fleet 2"),
+    "many": Part("many/run.py", 35.0, "--rounds 1 --seconds 10 --settings 1 --fleet 2"),
     "node_start": Part("node/start.py", 1.0, "--rounds 1"),
     "node": Part("node/pairs.py", 9.0, "--rounds 1 --round-seconds 1 --seconds 2"),
     "latency": Part("node/latency.py", 7.0, "--rounds 1 --round-seconds 2"),
