@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from friction_estimator.diagnosis.candidate import Candidate, Model
 from friction_estimator.diagnosis.causes import LATER_SHARE, Cause
 from friction_estimator.diagnosis.views import SECOND_LEFT, Views
-from friction_estimator.effects.base import REVERSAL, SLOW
+from friction_estimator.effects.base import REVERSAL
 
 FORMS_SHARE = 0.006
 """Share of the error power that a further cause must bring where it is more than other forms of the earlier ones."""
@@ -42,7 +42,7 @@ class Guards:
             return True
         if self._smoothed and fits.undone(model, best):
             return False
-        if any(t.effect.recorded for t in model.joint.terms) and not self.beyond_pressure(model, best):
+        if best.name in self._views.with_pressure(model) and not self.beyond_pressure(model, best):
             return False
         return fits.stands(model, best) and fits.known_sign(best) and self._beyond_memory(model, best)
 
@@ -58,12 +58,10 @@ class Guards:
         return bool(after) and self._fits.beyond_memory(model, best, PAIR * (best.gain + max(after)))
 
     def beyond_pressure(self, model: Model, best: Candidate) -> bool:
-        """Return whether a cause goes on within each pressure, where they come in one order and it goes with time.
+        """Return whether a cause goes on within each pressure.
 
         A model that still misses as much as that says nothing of it.
         """
-        if not self._views.ordered or best.effect.acts != SLOW:
-            return True
         least = max(later_N2(model), self._views.left_N2(best.model))
         return self._fits.within_pressures(model, best, least)
 

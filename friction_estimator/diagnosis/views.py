@@ -42,8 +42,8 @@ class Views:
         context: Context,
         catalogue: Catalogue,
         seed: int,
-        faults: Sequence[Fault] = (),
-        capacity: Capacity | None = None,
+        faults: Sequence[Fault],
+        capacity: Capacity | None,
     ) -> None:
         self.record, self.context, self.catalogue, self.seed = record, context, catalogue, seed
         self.known = {f.name for f in faults}
@@ -100,11 +100,11 @@ class Views:
         """Return name and parameters of the effects that pass best after a model, and what each must bring, N^2."""
         if id(model) not in self._after:
             view = self.of(model)
-            passing = self.passing(model, self._with_pressure(model))[:FOLLOWERS]
+            passing = self.passing(model, self.with_pressure(model))[:FOLLOWERS]
             self._after[id(model)] = [(s.name, s.params, view.needed[s.name]) for s in passing]
         return self._after[id(model)]
 
-    def _with_pressure(self, model: Model) -> set[str]:
+    def with_pressure(self, model: Model) -> set[str]:
         """Return what may be another form of a recorded cause in a model: where that changed in one order, all slow."""
         recorded = any(t.effect.recorded for t in model.joint.terms)
         return {n for n, cls in self.catalogue.items() if cls.acts == SLOW} if self.ordered and recorded else set()
