@@ -17,7 +17,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import BSpline
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dposv
 
 from friction_estimator.core.fit.posterior import COLOUR
 from friction_estimator.core.model.prior import decaying
@@ -367,11 +367,18 @@ class _Normal:
 
 
 def _solved(matrix: Floats, right: Floats) -> Floats:
-    """Solve a symmetric positive system after scaling its diagonal to one; rounding's share is added to it."""
+    """Solve a symmetric positive system after scaling its diagonal to one; rounding's share is added to it.
+
+    LAPACK is called as it is: a fit solves hundreds of these small systems, and the checks of `cho_factor` and
+    `cho_solve` take longer than the work.
+    """
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     scaled = matrix / np.outer(size, size)
     scaled[np.diag_indices_from(scaled)] += 1e-11
-    return np.asarray(cho_solve(cho_factor(scaled), right / size) / size)
+    _, answer, info = dposv(scaled, right / size)
+    if info or not np.isfinite(answer).all():
+        raise np.linalg.LinAlgError(f"not positive definite, or not finite: dposv says {info}")
+    return np.asarray(answer / size)
 
 
 def pressure_nodes(pressure_Pa: Floats) -> Floats:

@@ -87,14 +87,16 @@ class JointFit:
     Parameters
     ----------
     problem : the base model on the record. context : facts about it. rows : (blocks,) bool, those that are
-        fitted (default all).
+        fitted (default all). base : the problem with its own columns changed (default: made here).
     """
 
-    def __init__(self, problem: BaseProblem, context: Context, rows: Bools | None = None) -> None:
+    def __init__(
+        self, problem: BaseProblem, context: Context, rows: Bools | None = None, base: OwnColumns | None = None
+    ) -> None:
         self._problem, self._context, self._rows = problem, context, rows
         self._record = problem.record
         self._used = self._record.used if rows is None else self._record.used & rows[self._record.block]
-        self._base = OwnColumns(problem, context)
+        self._base = OwnColumns(problem, context) if base is None else base
         self._scans: JointFit | None = None
         self._columns = TermColumns(self._base)
 
@@ -199,8 +201,7 @@ class JointFit:
             blocks = self._problem.products.edges.size - 1
             rows = np.ones(blocks, np.bool_) if self._rows is None else self._rows.copy()
             rows[1 - int(rows[0]) :: 2] = False
-            self._scans = JointFit(self._problem, self._context, rows)
-            self._scans._base.chosen = rows
+            self._scans = JointFit(self._problem, self._context, rows, self._base.on(rows))
         return self._scans
 
     def _scanned(

@@ -161,16 +161,30 @@ def add_products(static, start, begin, end, used, force, gram, cross):  # type: 
     """
     width = static.shape[1]
     lags = cross.size // width
+    flat = static.ravel()
+    # The last lag first, as the columns of the samples before a sample lie in memory: one long loop for all lags.
+    onto, pulled = np.zeros((width, cross.size)), np.zeros(cross.size)
+    held = np.zeros(cross.size)
     for k in range(begin, end):
         if not used[k]:
             continue
-        for i in range(lags):
-            back = max(k - i, start[k])
-            for j in range(width):
-                cross[i * width + j] += force[k] * static[back, j]
-                if static[k, j] != 0.0:  # a spline is, nearly everywhere
-                    for c in range(width):
-                        gram[j, i * width + c] += static[k, j] * static[back, c]
+        row = flat[(k + 1 - lags) * width : (k + 1) * width]
+        if k + 1 - lags < start[k]:
+            for i in range(lags):
+                back = max(k - i, start[k])
+                held[(lags - 1 - i) * width : (lags - i) * width] = static[back]
+            row = held
+        for c in range(row.size):
+            pulled[c] += force[k] * row[c]
+        for j in range(width):
+            value = static[k, j]
+            if value != 0.0:  # a spline is, nearly everywhere
+                for c in range(row.size):
+                    onto[j, c] += value * row[c]
+    for i in range(lags):
+        last = slice((lags - 1 - i) * width, (lags - i) * width)
+        cross[i * width : (i + 1) * width] += pulled[last]
+        gram[:width, i * width : (i + 1) * width] += onto[:, last]
     for k in range(begin - 1, end):
         # Sample k as one of lag i + 1 of the next sample, less itself as one of lag i.
         earlier = k + 1 < end and start[k + 1] <= k and used[k + 1]

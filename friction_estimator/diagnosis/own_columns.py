@@ -6,6 +6,7 @@ settle, while the lag, fitted beside a wrong gain, hardly moves (decision 0132).
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -24,6 +25,12 @@ from friction_estimator.effects.whole import shifted
 
 PARTS = 4
 """Parts of a sample period in which a filter of the force takes what acts before it as straight."""
+
+MOST_KEPT = 32 << 20
+"""Bytes of columns that are kept at most: in a record of more than some 30,000 samples a part is made anew."""
+
+MOMENTS = 2 * PARTS
+"""Moments at which what was made last is kept: those within a sample, each at the velocity and on a film that lags."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +102,45 @@ def _earlier(features: Features, late_s: float) -> Callable[[str, Floats], Float
     return lambda _, values: shifted(values, features, late_s)
 
 
+def columns(term: Term, features: Features, reference: Reference) -> Floats:
+    """Return the columns of a term, (n, c), beside nothing else."""
+    return columns_of(term.effect, term.params, features, reference)
+
+
+class LastMade:
+    """What was made last of each effect at each moment, with one reference.
+
+    A step of one term's parameter leaves what the others are made of as it is: most of a fit's time would go there.
+
+    Parameters
+    ----------
+    make : what makes it, (n, c), of a term, the features of a moment and a reference. Nobody writes into what is kept.
+    """
+
+    def __init__(self, make: Callable[[Term, Features, Reference], Floats]) -> None:
+        self._make = make
+        self._reference: Reference | None = None
+        self._at: dict[int, tuple[Features, dict[str, tuple[dict[str, float], Floats]]]] = {}
+
+    def __call__(self, term: Term, features: Features, reference: Reference) -> Floats:
+        """Return what is made of a term, (n, c)."""
+        if self._reference is not reference:
+            self._reference, self._at = reference, {}
+        kept = self._at.get(id(features))
+        if kept is None:
+            if len(self._at) >= MOMENTS:
+                self._at.clear()
+            kept = self._at[id(features)] = features, {}
+        last = kept[1].get(term.name)
+        if last is not None and last[0] == term.params:
+            return last[1]
+        made = self._make(term, features, reference)
+        kept[1].pop(term.name, None)
+        if made.nbytes + sum(m.nbytes for _, here in self._at.values() for _, m in here.values()) <= MOST_KEPT:
+            kept[1][term.name] = term.params, made
+        return made
+
+
 @dataclass(frozen=True)
 class OnFilm:
     """What follows a film that lags.
@@ -115,15 +161,22 @@ class OwnColumns:
 
     Parameters
     ----------
-    problem : without any. context : facts about the record. chosen : (blocks,) bool, blocks whose products are formed
-        (default all).
+    problem : without any. context : facts about the record.
     """
 
-    def __init__(self, problem: BaseProblem, context: Context, chosen: Bools | None = None) -> None:
-        self.problem, self._context, self.chosen = problem, context, chosen
+    def __init__(self, problem: BaseProblem, context: Context) -> None:
+        self.problem, self._context = problem, context
+        self._chosen: Bools | None = None
         self._last: tuple[list[tuple[str, dict[str, float]]], BaseProblem] | None = None
         self._moved: tuple[tuple[str, dict[str, float]], Features] | None = None
-        self._within: tuple[Features, list[Features]] | None = None
+        self._timed: tuple[tuple[str, dict[str, float]], Floats] | None = None
+        self._changes = LastMade(self._change)
+
+    def on(self, chosen: Bools) -> "OwnColumns":
+        """Return the same of which products are formed on some blocks alone, (blocks,) bool; it shares what is kept."""
+        other = copy(self)
+        other._chosen, other._last = chosen, None
+        return other
 
     @cached_property
     def _theory(self) -> Reference:
@@ -145,7 +198,7 @@ class OwnColumns:
             return self.problem
         key = [(t.name, t.params) for t in inside]
         if self._last is None or self._last[0] != key:
-            self._last = key, self.problem.with_static(self._static(inside), self.chosen)
+            self._last = key, self.problem.with_static(self._static(inside), self._chosen)
         return self._last[1]
 
     def force(self, terms: Sequence[Term], found: Coefficients) -> Floats:
@@ -181,11 +234,12 @@ class OwnColumns:
             return [features]
         if not time.effect.smooths:
             return [self.at(time, features)]
-        if self._within is None or self._within[0] is not features:
-            record, late = self.problem.record, [self.part_s * i for i in range(PARTS - 1, 0, -1)]
-            there = [record.features_at(self.problem.config, _earlier(record.features, s)) for s in late]
-            self._within = features, there
-        return [*self._within[1], features]
+        return [*self._within, features]
+
+    @cached_property
+    def _within(self) -> list[Features]:
+        record, late = self.problem.record, [self.part_s * i for i in range(PARTS - 1, 0, -1)]
+        return [record.features_at(self.problem.config, _earlier(record.features, s)) for s in late]
 
     @property
     def part_s(self) -> float:
@@ -195,20 +249,28 @@ class OwnColumns:
     def _static(self, inside: Sequence[Term]) -> Floats:
         problem, time = self.problem, time_of(inside)
         here = problem.record.features
-        static = problem.products.static if time is None else time.effect.whole(time.params, problem.tables, here)
+        static = problem.products.static if time is None else self._whole(time)
         for term in inside:
             if term.effect.delays:
                 continue
-            change = [self._change(term, features) for features in self.moments(time, here)]
+            change = [self._changes(term, features, self._theory) for features in self.moments(time, here)]
             made = change[-1] if time is None else time.effect.smoothed(time.params, change, here, self.part_s)
             static = static.copy()
             static[:, : made.shape[1]] += made
         return static
 
-    def _change(self, term: Term, features: Features) -> Floats:
+    def _whole(self, time: Term) -> Floats:
+        """Return the base's own columns with a time of the whole force in them, (n, m); the last ones are kept."""
+        key = time.name, time.params
+        if self._timed is None or self._timed[0] != key:
+            problem = self.problem
+            self._timed = key, time.effect.whole(time.params, problem.tables, problem.record.features)
+        return self._timed[1]
+
+    def _change(self, term: Term, features: Features, theory: Reference) -> Floats:
         """Return what a film that lags changes in the base's own columns, (n, m), or in the first one, (n, 1)."""
-        column = columns_of(term.effect, term.params, features, self._theory)
-        film = self.film(term, features, self._theory)
+        column = columns(term, features, theory)
+        film = self.film(term, features, theory)
         if film is None:
             return column
         tables = self.problem.tables

@@ -11,7 +11,17 @@ import numpy as np
 
 from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.library import columns_of, with_running_force
-from friction_estimator.diagnosis.own_columns import PARTS, OnFilm, OwnColumns, Term, before, film_of, time_of
+from friction_estimator.diagnosis.own_columns import (
+    PARTS,
+    LastMade,
+    OnFilm,
+    OwnColumns,
+    Term,
+    before,
+    columns,
+    film_of,
+    time_of,
+)
 from friction_estimator.effects.features import Features
 from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.shapes import level, sliding
@@ -37,6 +47,7 @@ class TermColumns:
         self._forced: tuple[Reference, list[Features], list[Features]] | None = None
         self._lacking: tuple[Features, Term, Floats] | None = None
         self._levels: tuple[Features, Reference, dict[str, float], Floats] | None = None
+        self._made = LastMade(columns)
 
     def settle(self, fitted_N: Floats, terms: Sequence[Term], reference: Reference, features: Features) -> None:
         """Take the force that runs at the stage of each term from a fit, for columns at these features.
@@ -94,11 +105,11 @@ class TermColumns:
         if term.effect.stage == STAGES[0]:
             made = self._on_bristles(term, terms, reference, features)
         else:
-            made = columns_of(term.effect, term.params, features, reference)
+            made = self._made(term, features, reference)
         lag = film_of(terms) if term.effect.follows_film() else None
         film = None if lag is None else self._on_film(lag, features, reference)
         if film is not None:
-            there = columns_of(term.effect, term.params, film.features, reference)
+            there = self._made(term, film.features, reference)
             made = made + film.share * (film.factor[:, None] * there - made)
         if term.effect.carries(term.params) and (lag := film_of(terms)) is not None:
             made = made * self._level_on_film(lag, features, reference)[:, None]
@@ -109,7 +120,7 @@ class TermColumns:
 
         What they lack, as a share of the level that they carry, the term lacks of its own level.
         """
-        made = columns_of(term.effect, term.params, features, reference)
+        made = self._made(term, features, reference)
         bristles = next((t for t in terms if t.weights.size and t.effect.carries(t.params)), None)
         if bristles is None:
             return made

@@ -3,7 +3,7 @@
 import numpy as np
 
 from friction_estimator.compiled import njit
-from friction_estimator.effects.reference import lookup
+from friction_estimator.effects.reference import between, lookup, place
 
 MOST_STEPS = 64
 """Parts into which a step between samples is divided at most; velocity is taken as linear between samples."""
@@ -238,10 +238,10 @@ def on_film(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
         floor = max(abs(velocity[k]), LEAST_FILM * sign_velocity)
         dry, wet = 0.0, 0.0
         for sign, speed in ((1.0, film), (-1.0, floor)):
-            b = lookup(boundary, pressures, bend, reach, speed, p)
-            h = lookup(shear, pressures, bend, reach, speed, p)
+            i, part, j, q = place(pressures, bend, reach, force.shape[1] - 1, speed, p)
+            b, h = between(boundary, i, part, j, q), between(shear, i, part, j, q)
             if rest != 0.0:
-                b += rest * (lookup(force, pressures, bend, reach, speed, p) - b - h)
+                b += rest * (between(force, i, part, j, q) - b - h)
             dry += sign * b / np.tanh(speed / sign_velocity)
             wet += sign * h / speed
         out[k] = np.tanh(velocity[k] / sign_velocity) * dry + velocity[k] * wet
@@ -265,8 +265,8 @@ def maxwell(step, previous, velocity, tau, state, out):  # type: ignore[no-untyp
 def fir(step, values, taps, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Filter the columns of `values` with [1, taps]; a step of 0 fills the delay line. state = [head, ring of rows]."""
     order, width = taps.size, values.shape[1]
+    head = int(state[0])
     for k in range(values.shape[0]):
-        head = int(state[0])
         if step[k] <= 0.0:
             for i in range(order):
                 for c in range(width):
@@ -274,12 +274,13 @@ def fir(step, values, taps, state, out):  # type: ignore[no-untyped-def] # pragm
         for c in range(width):
             total = values[k, c]
             for i in range(order):
-                total += taps[i] * state[1 + ((head - i) % order) * width + c]
+                row = head - i if i <= head else head - i + order
+                total += taps[i] * state[1 + row * width + c]
             out[k, c] = total
-        head = (head + 1) % order
+        head = head + 1 if head + 1 < order else 0
         for c in range(width):
             state[1 + head * width + c] = values[k, c]
-        state[0] = float(head)
+    state[0] = float(head)
 
 
 @njit(cache=True)

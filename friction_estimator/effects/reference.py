@@ -19,23 +19,33 @@ Surface = Callable[[Floats, Floats], Floats]
 
 
 @njit(cache=True)
-def lookup(table, pressures, bend, reach, velocity, pressure):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Return the bilinear interpolation of table[pressure, velocity]; both are held at the edges."""
-    steps = table.shape[1] - 1
-    place = (np.arcsinh(velocity / bend) / reach + 1.0) * 0.5 * steps
-    place = min(max(place, 0.0), float(steps))
-    i = min(int(place), steps - 1)
-    part = place - i
-    if pressures.size == 1:
-        return table[0, i] * (1.0 - part) + table[0, i + 1] * part
-    j = 0
-    while j < pressures.size - 2 and pressure > pressures[j + 1]:
-        j += 1
-    q = (pressure - pressures[j]) / (pressures[j + 1] - pressures[j])
-    q = min(max(q, 0.0), 1.0)
+def place(pressures, bend, reach, steps, velocity, pressure):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return where a point lies in a table: i and a part of the way to i + 1 in velocity, j and q in pressure."""
+    along = min(max((np.arcsinh(velocity / bend) / reach + 1.0) * 0.5 * steps, 0.0), float(steps))
+    i = min(int(along), steps - 1)
+    j, q = 0, 0.0
+    if pressures.size > 1:
+        while j < pressures.size - 2 and pressure > pressures[j + 1]:
+            j += 1
+        q = min(max((pressure - pressures[j]) / (pressures[j + 1] - pressures[j]), 0.0), 1.0)
+    return i, along - i, j, q
+
+
+@njit(cache=True)
+def between(table, i, part, j, q):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return the bilinear interpolation of table[pressure, velocity] at a `place`."""
     below = table[j, i] * (1.0 - part) + table[j, i + 1] * part
+    if table.shape[0] == 1:
+        return below
     above = table[j + 1, i] * (1.0 - part) + table[j + 1, i + 1] * part
     return below * (1.0 - q) + above * q
+
+
+@njit(cache=True)
+def lookup(table, pressures, bend, reach, velocity, pressure):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return the bilinear interpolation of table[pressure, velocity]; both are held at the edges."""
+    i, part, j, q = place(pressures, bend, reach, table.shape[1] - 1, velocity, pressure)
+    return between(table, i, part, j, q)
 
 
 @njit(cache=True)

@@ -14,6 +14,7 @@ from friction_estimator.compiled import njit
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.features import Features
 from friction_estimator.effects.kernels import substeps
+from friction_estimator.effects.reference import place
 
 VELOCITIES = 1601
 BEND = 200.0
@@ -109,14 +110,18 @@ def first_order(
 def _first_order(step, parts, part_s, tau, twice, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     count, width = parts.shape[0], parts.shape[2]
     state, second, last = np.zeros(width), np.zeros(width), np.zeros(width)
+    of_part = np.exp(-part_s / tau)
+    of_first, first_s = 1.0, 0.0  # kept: samples are evenly spaced, nearly everywhere
     for k in range(parts.shape[1]):
         begins = k == 0 or step[k] <= 0.0
         first = step[k] - (count - 1) * part_s
         for s in range(0 if first > 0.0 and not begins else count - 1, count):
-            dt = part_s if s > 0 else first
-            if first <= 0.0:
-                dt = step[k]
-            decay = 0.0 if begins else np.exp(-dt / tau)
+            dt, decay = part_s, of_part
+            if s == 0 or first <= 0.0:
+                dt = first if first > 0.0 else step[k]
+                if dt != first_s:
+                    of_first, first_s = np.exp(-dt / tau), dt
+                decay = of_first
             for c in range(width):
                 now = parts[s, k, c]
                 if begins:
@@ -179,18 +184,6 @@ def _unfiltered(step, values, tau, out):  # type: ignore[no-untyped-def] # pragm
 
 
 @njit(cache=True)
-def _place(pressures, bend, reach, steps, velocity, pressure):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    place = min(max((np.arcsinh(velocity / bend) / reach + 1.0) * 0.5 * steps, 0.0), float(steps))
-    i = min(int(place), steps - 1)
-    j, q = 0, 0.0
-    if pressures.size > 1:
-        while j < pressures.size - 2 and pressure > pressures[j + 1]:
-            j += 1
-        q = min(max((pressure - pressures[j]) / (pressures[j + 1] - pressures[j]), 0.0), 1.0)
-    return i, place - i, j, q
-
-
-@njit(cache=True)
 def _row(values, i, part, j, q, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     for c in range(out.size):
         below = values[j, i, c] * (1.0 - part) + values[j, i + 1, c] * part
@@ -204,7 +197,7 @@ def _row(values, i, part, j, q, out):  # type: ignore[no-untyped-def] # pragma: 
 def _columns(velocity, pressure, values, pressures, bend, reach, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     steps = values.shape[1] - 1
     for k in range(velocity.size):
-        i, part, j, q = _place(pressures, bend, reach, steps, velocity[k], pressure[k])
+        i, part, j, q = place(pressures, bend, reach, steps, velocity[k], pressure[k])
         _row(values, i, part, j, q, out[k])
 
 
@@ -212,9 +205,10 @@ def _columns(velocity, pressure, values, pressures, bend, reach, out):  # type: 
 def _lagged(step, previous, velocity, pressure, tau, twice, values, pressures, bend, reach, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     steps, width = values.shape[1] - 1, values.shape[2]
     state, last, now, second = np.zeros(width), np.zeros(width), np.zeros(width), np.zeros(width)
+    dt, decay = 0.0, 1.0
     for k in range(velocity.size):
         if k == 0 or step[k] <= 0.0:
-            i, part, j, q = _place(pressures, bend, reach, steps, velocity[k], pressure[k])
+            i, part, j, q = place(pressures, bend, reach, steps, velocity[k], pressure[k])
             _row(values, i, part, j, q, now)
             for c in range(width):
                 state[c] = now[c]
@@ -223,11 +217,12 @@ def _lagged(step, previous, velocity, pressure, tau, twice, values, pressures, b
                 out[k, c] = now[c]
             continue
         count = substeps(previous[k], velocity[k], bend)
-        dt = step[k] / count
-        decay = np.exp(-dt / tau)
+        if step[k] / count != dt:
+            dt = step[k] / count
+            decay = np.exp(-dt / tau)
         for s in range(1, count + 1):
             v = previous[k] + (velocity[k] - previous[k]) * s / count
-            i, part, j, q = _place(pressures, bend, reach, steps, v, pressure[k])
+            i, part, j, q = place(pressures, bend, reach, steps, v, pressure[k])
             _row(values, i, part, j, q, now)
             for c in range(width):
                 _lag(state, second, c, last[c], now[c], dt, tau, decay)
