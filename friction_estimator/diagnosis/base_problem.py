@@ -220,16 +220,14 @@ class BaseProblem:
         """
         m, p = weights.size, taps.size
         out = np.zeros((p + 1, m, m + p + own.size))
-        lags = np.concatenate([[1.0], taps])
-        for j in range(m):
-            out[:, j, j] = lags
-        for i in range(p):
-            out[i + 1, :, m + i] = weights
-            if level:
-                out[0, :, m + i] -= weights
-            if own.size:
-                out[i + 1, 0, m + p + i] = 1.0
-                out[0, 0, m + p + i] = -1.0
+        unit, lag = np.arange(m), np.arange(p)
+        out[:, unit, unit] = np.concatenate([[1.0], taps])[:, None]
+        out[lag + 1, :, m + lag] = weights
+        if level:
+            out[0, :, m : m + p] -= weights[:, None]
+        if own.size:
+            out[lag + 1, 0, m + p + lag] = 1.0
+            out[0, 0, m + p :] = -1.0
         return out.reshape((p + 1) * m, -1)
 
     def fit(
@@ -283,23 +281,26 @@ class _Normal:
             self.right[:size] -= total(settled.mx, rows)[:, 0]
             self.power += float(total(settled.xx, rows)[0, 0] - 2.0 * total(settled.xy, rows)[0])
         self.width = width
+        # The columns of `linear` and of `step`, of which taps and weights change a part: they are worked out often.
+        m, p, own = products.width, problem.capacity.order, problem.own
+        base, at_taps = m + p + own, np.s_[m : m + p]
+        self._columns = np.zeros((size + width, base + width))
+        self._columns[:size, :base] = problem.jacobian(np.zeros(m), np.zeros(p), np.zeros(own))
+        self._columns[size:, base:] = np.eye(width)
+        self._known = np.zeros((base + width, base + width))
+        self._known[:base, :base] = problem.information
+        self._linear = np.delete(self._columns, at_taps, axis=1)
+        self._known_linear = np.delete(np.delete(self._known, at_taps, axis=0), at_taps, axis=1)
 
     def error_power(self, all_: Floats) -> float:
         return float(self.power - 2.0 * self.right @ all_ + all_ @ self.gram @ all_)
 
     def linear(self, taps: Floats, variance: float) -> tuple[Floats, Floats, Floats]:
         """Return weights, own lags and extra coefficients of least cost for fixed taps."""
-        problem = self.problem
-        m, p, own = problem.products.width, taps.size, problem.own
-        t = np.zeros((problem.products.size + self.width, m + own + self.width))
-        whole = problem.jacobian(np.zeros(m), taps, np.zeros(own))
-        t[: problem.products.size, :m] = whole[:, :m]
-        t[: problem.products.size, m : m + own] = whole[:, m + p :]
-        t[problem.products.size :, m + own :] = np.eye(self.width)
-        keep = np.concatenate([np.arange(m), np.arange(m + p, m + p + own)])
-        known = np.zeros((t.shape[1], t.shape[1]))
-        known[: m + own, : m + own] = variance * problem.information[np.ix_(keep, keep)]
-        theta = _solved(t.T @ self.gram @ t + known, t.T @ self.right)
+        m, own, t = self.problem.products.width, self.problem.own, self._linear
+        for i, lag in enumerate(taps, start=1):
+            np.fill_diagonal(t[i * m : (i + 1) * m, :m], lag)
+        theta = _solved(t.T @ self.gram @ t + variance * self._known_linear, t.T @ self.right)
         return theta[:m], theta[m : m + own], theta[m + own :]
 
     def cost(self, weights: Floats, taps: Floats, own: Floats, extra: Floats, variance: float) -> tuple[float, float]:
@@ -341,27 +342,21 @@ class _Normal:
 
     def step(self, weights: Floats, taps: Floats, own: Floats, extra: Floats, variance: float) -> tuple[Floats, float]:
         """Return the Gauss-Newton step of the taps (taps at zero that would go below stay), and what it promises."""
-        problem = self.problem
-        m, p, size = weights.size, taps.size, problem.products.size
-        t = np.zeros((size + self.width, m + p + own.size + self.width))
-        t[:size, : m + p + own.size] = problem.jacobian(weights, taps, own)
-        t[size:, m + p + own.size :] = np.eye(self.width)
+        m, p, t = weights.size, taps.size, self._columns
+        t[: self.problem.products.size, : m + p + own.size] = self.problem.jacobian(weights, taps, own)
+        known = variance * self._known
         theta = np.concatenate([weights, taps, own, extra])
-        known = np.zeros((theta.size, theta.size))
-        base = m + p + own.size
-        known[:base, :base] = variance * problem.information
-        all_ = np.concatenate([problem.spread(weights, taps, own), extra])
+        all_ = np.concatenate([self.problem.spread(weights, taps, own), extra])
         hessian = t.T @ self.gram @ t + known
         pull = t.T @ (self.right - self.gram @ all_) - known @ theta
-        held: list[int] = []
+        free = np.ones(theta.size, np.bool_)
         for _ in range(p + 1):
-            free = np.setdiff1d(np.arange(theta.size), held)
             move = np.zeros(theta.size)
             move[free] = _solved(hessian[np.ix_(free, free)], pull[free])
-            low = [m + i for i in range(p) if taps[i] <= 0.0 and move[m + i] < 0.0]
-            if not low:
+            low = (taps <= 0.0) & (move[m : m + p] < 0.0)
+            if not low.any():
                 break
-            held = sorted({*held, *low})
+            free[m : m + p] &= ~low
         promise = float(2.0 * pull @ move - move @ hessian @ move)
         return move[m : m + p], promise
 
