@@ -10,6 +10,7 @@ from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import BaseProblem
 from friction_estimator.diagnosis.candidates import Candidates
 from friction_estimator.diagnosis.causes import Cause
+from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.diagnosis.evidence import Evidence
 from friction_estimator.diagnosis.intervals import Curvature, Estimate, estimates
 from friction_estimator.diagnosis.joint import Joint, JointFit
@@ -91,6 +92,17 @@ def test_what_no_sample_tells_has_no_interval_and_spoils_no_other() -> None:
     assert np.isnan(step["step"].high)
     assert holds(mass["mass"], 0.5)
     assert holds(estimates(joint, data, context, 0, 1.0)[0]["step"], 0.0)
+
+
+def test_a_step_in_samples_that_are_set_aside_is_known_to_their_ends() -> None:
+    """At 30 s the drive stands still between two periods: no sample that counts tells one moment from the next."""
+    segments = tuple(segment(t, 29.0, s) for _ in range(4) for t, s in ((1.0, 5.0), (5.0, 10.0)))
+    samples = record(["bias_step:step=0.4,at=30.0"], segments=segments, seed=925)
+    some = {name: EFFECTS[name] for name in ("bias_step", "pressure_dependence")}
+    (found,) = diagnose([samples], Config(), catalogue=some).effects
+    at = found.parameters["at"]
+    assert at.low < 30.0 < at.high
+    assert at.high - at.low < 1.0
 
 
 def test_what_no_cause_explains_widens_an_interval() -> None:

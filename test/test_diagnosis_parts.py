@@ -13,7 +13,7 @@ from friction_estimator.diagnosis import streams
 from friction_estimator.diagnosis.base import fit_base
 from friction_estimator.diagnosis.base_problem import ALARM, OddCurve
 from friction_estimator.diagnosis.evidence import Evidence, Rule, folds_of, null_maximum
-from friction_estimator.diagnosis.excitation import pressure_order, speed_levels
+from friction_estimator.diagnosis.excitation import speed_levels
 from friction_estimator.diagnosis.floor import noise_floor, noise_memory, pairs, variance_dependence
 from friction_estimator.diagnosis.products import inner
 from friction_estimator.diagnosis.record import Record, build_record, joined
@@ -248,13 +248,3 @@ def test_constant_speeds_are_told_from_a_sine() -> None:
     assert speed_levels(0.1 * np.sin(time * 6.0), number) == []
     square = np.where(np.sin(time) > 0.0, 0.014, -0.010)
     assert speed_levels(square, number) == pytest.approx([-0.010, 0.014])
-
-
-def test_one_order_of_pressures_is_warned_of() -> None:
-    def run(levels: tuple[float, ...]) -> str:
-        parts = tuple(segment(1.0, psi, 8.0) for psi in levels)
-        return pressure_order(build_record([simulate(Scenario(parts, rate_hz=100.0)).samples], Config()))
-
-    assert "randomise" in run((50.0, 100.0, 200.0))
-    assert run((50.0, 200.0, 50.0)) == ""
-    assert run((50.0, 50.0)) == ""

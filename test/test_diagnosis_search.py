@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_records import names, record, set_of
+from diagnosis_records import names, record
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import Capacity
@@ -14,7 +14,6 @@ from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.diagnosis.record import build_record
 from friction_estimator.effects import EFFECTS
 from friction_estimator.rig.drive import segment
-from friction_estimator.rig.plant import PLANTS
 
 IN_ORDER = tuple(segment(t, psi, s) for psi in (50.0, 100.0, 200.0) for t, s in ((1.0, 8.0), (5.0, 12.0)))
 ONE_PRESSURE = (segment(1.0, 50.0, 20.0), segment(5.0, 50.0, 40.0))
@@ -78,46 +77,6 @@ def test_a_cause_that_resembles_another_form_of_a_trait_is_named_beside_it(hidde
     name = hidden.split(":")[0]
     both = {n: EFFECTS[n] for n in (trait, name)}
     assert names(diagnose([record([hidden], plant=plant, noise=noise)], Config(), catalogue=both)) == [trait, name]
-
-
-@pytest.mark.parametrize("psi", [(50.0, 200.0), (50.0, 100.0, 200.0)])
-@pytest.mark.parametrize(
-    "hidden",
-    [
-        "viscosity_drift:size=0.02",
-        "viscosity_drift:size=0.04,time_constant=15",
-        "pressure_dependence:size=0.04",
-        "pressure_dependence:size=0.04,form=1",
-    ],
-)
-def test_a_slow_change_that_goes_on_within_each_pressure_is_no_matter_of_the_pressure(hidden, psi) -> None:
-    """With pressures in one order either is in the other's set."""
-    segments = tuple(segment(t, p, s) for p in psi for t, s in ((1.0, 10.0), (5.0, 15.0)))
-    name = hidden.split(":")[0]
-    both = {n: EFFECTS[n] for n in ("viscosity_drift", "pressure_dependence")}
-    (one,) = diagnose([record([hidden], segments=segments)], Config(), catalogue=both).effects
-    assert one.name == name
-    assert set_of(one) == set(both)
-
-
-@pytest.mark.parametrize(
-    ("at", "found", "least", "most"),
-    [
-        pytest.param(51.0, {"bias_step"}, 0.0, 8.0, id="within a pressure"),
-        pytest.param(44.0, set(), 30.0, 100.0, id="where it changes"),
-    ],
-)
-def test_a_step_beside_a_dependence_on_the_pressure_is_named_if_it_is_within_one(at, found, least, most) -> None:
-    """The rig depends on its pressures, which come in one order: 50, 125 and 200 psi from 0, 22 and 44 s on."""
-    segments = tuple(segment(t, p, s) for p in (50.0, 125.0, 200.0) for t, s in ((1.0, 7.0), (5.0, 15.0)))
-    own = PLANTS["rig"].traits
-    some = {name: EFFECTS[name] for name in (*own, "bias_step")}
-    data = record([f"bias_step:step=0.5,at={at}"], plant="rig", segments=segments)
-    result = diagnose([data], Config.from_mapping({"theory.kind": "seal"}), catalogue=some)
-    told = {effect.name: effect for effect in result.effects}
-    assert set(told) - set(own) == found
-    assert "bias_step" in {*told, *told["pressure_dependence"].rivals}
-    assert least < result.unexplained_percent < most
 
 
 def test_a_gap_of_one_sample_is_named_although_a_drive_of_whole_periods_shows_it_in_one_sample_a_stroke() -> None:

@@ -9,6 +9,7 @@ from friction_estimator.core.intake.encoder import wraps_undone
 from friction_estimator.core.online.shortcomings import ONE_DIRECTION
 from friction_estimator.core.quantities import POSITION, VELOCITY, quantity
 from friction_estimator.core.sample import Floats, Ints
+from friction_estimator.diagnosis.pressures import pressure_order
 from friction_estimator.diagnosis.record import FEWEST_BLOCKS, Record
 from friction_estimator.effects.features import Context
 
@@ -142,31 +143,3 @@ def speed_levels(velocity_m_s: Floats, recording: Ints) -> list[float]:
         if not levels or value * levels[-1] < 0.0 or abs(value - levels[-1]) > 0.6 * abs(value):
             levels.append(value)
     return levels
-
-
-def pressure_levels(record: Record) -> list[float]:
-    """Return the pressures of the record in the order in which they were set, Pa; runs of one level count once."""
-    p = record.features.pressure_Pa
-    span = float(np.ptp(p))
-    if span < 0.05 * max(float(np.abs(p).max()), 1.0):
-        return []
-    means = np.array([float(np.median(p[record.block == b])) for b in range(record.blocks)])
-    order = [float(means[0])]
-    for value in means[1:]:
-        if abs(value - order[-1]) > 0.1 * span:
-            order.append(float(value))
-    return order
-
-
-def pressure_order(record: Record) -> str:
-    """Return a warning where each pressure occurs once, in one order; empty where pressures come back."""
-    order = pressure_levels(record)
-    if len(order) < 2:
-        return ""
-    steps = np.sign(np.diff(order))
-    if len(set(steps.tolist())) > 1:
-        return ""
-    return (
-        "each pressure occurs once, in one order: pressure cannot be told from drift or a step in time; "
-        "randomise the order and come back to the first"
-    )

@@ -60,8 +60,10 @@ class Guards:
     def beyond_pressure(self, model: Model, best: Candidate) -> bool:
         """Return whether a cause goes on within each pressure.
 
-        A model that still misses as much as that says nothing of it.
+        A model that still misses as much as that says nothing of it, nor does a record that holds no pressure.
         """
+        if not self._views.held:
+            return False
         least = max(later_N2(model), self._views.left_N2(best.model))
         return self._fits.within_pressures(model, best, least)
 

@@ -7,9 +7,9 @@ from friction_estimator.diagnosis.base_problem import BaseProblem, Capacity
 from friction_estimator.diagnosis.candidate import MEMORY_EVIDENCE, Model
 from friction_estimator.diagnosis.candidates import Candidates
 from friction_estimator.diagnosis.causes import LATER_SHARE, LEAST_SHARE
-from friction_estimator.diagnosis.excitation import pressure_order
 from friction_estimator.diagnosis.floor import noise_floor
 from friction_estimator.diagnosis.library import build_library
+from friction_estimator.diagnosis.pressures import pressure_order, pressures_held
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.screening import Screened, View, screening
 from friction_estimator.effects.base import REVERSAL, SLOW, Effect
@@ -48,7 +48,7 @@ class Views:
         self.record, self.context, self.catalogue, self.seed = record, context, catalogue, seed
         self.known = {f.name for f in faults}
         self.lattice_N = max((f.lattice_N for f in faults), default=0.0)
-        self.ordered = bool(pressure_order(record))
+        self.ordered, self.held = bool(pressure_order(record)), pressures_held(record)
         self.problem = BaseProblem(record, config, capacity)
         self.fits = Candidates(self.problem, context, catalogue, seed)
         self._samples = max(int(record.used.sum()), 1)

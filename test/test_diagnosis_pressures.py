@@ -1,0 +1,143 @@
+"""Pressures that come in one order: what may be called a dependence on them, and what may not."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosis_records import record, set_of
+
+from friction_estimator.core.sample import Floats, Samples
+from friction_estimator.core.settings.config import Config
+from friction_estimator.core.settings.theory_groups import SealConfig
+from friction_estimator.diagnosis.diagnose import Diagnosis, diagnose
+from friction_estimator.diagnosis.pressures import pressure_order, pressures_held
+from friction_estimator.diagnosis.record import build_record
+from friction_estimator.effects import EFFECTS, Effect
+from friction_estimator.effects.base import SLOW
+from friction_estimator.effects.trace import Trace
+from friction_estimator.rig.drive import segment
+from friction_estimator.rig.law import lagged
+from friction_estimator.rig.plant import PLANTS
+from friction_estimator.rig.simulate import Scenario, simulate
+
+SLOW_ONES: Mapping[str, type[Effect]] = {
+    name: effect for name, effect in EFFECTS.items() if effect.acts == SLOW or name == "pressure_dependence"
+}
+
+
+def at_pressures(levels: tuple[float, ...], seconds: float = 8.0) -> Samples:
+    parts = tuple(segment(1.0, psi, seconds) for psi in levels)
+    return simulate(Scenario(parts, rate_hz=100.0)).samples
+
+
+def test_one_order_of_pressures_is_warned_of() -> None:
+    def run(levels: tuple[float, ...]) -> str:
+        return pressure_order(build_record([at_pressures(levels)], Config()))
+
+    assert "randomise" in run((50.0, 100.0, 200.0))
+    assert run((50.0, 200.0, 50.0)) == ""
+    assert run((50.0, 50.0)) == ""
+
+
+def leaks(pressure_Pa: Floats) -> Floats:
+    """Each of three pressures falls by an eighth while it is held."""
+    return pressure_Pa * (1.0 - np.tile(np.linspace(0.0, 0.125, pressure_Pa.size // 3), 3))
+
+
+def spikes(pressure_Pa: Floats) -> Floats:
+    return np.where(np.arange(pressure_Pa.size) // 3 == 200, 40e5, pressure_Pa)
+
+
+def vents(pressure_Pa: Floats) -> Floats:
+    return np.where(np.arange(pressure_Pa.size) >= 0.97 * pressure_Pa.size, 0.1e5, pressure_Pa)
+
+
+@pytest.mark.parametrize("happens", [leaks, spikes, vents])
+def test_what_is_not_held_does_not_hide_the_order_of_pressures(happens: Callable[[Floats], Floats]) -> None:
+    samples = at_pressures((50.0, 100.0, 200.0), 20.0)
+    assert samples.pressure_Pa is not None
+    record = build_record([replace(samples, pressure_Pa=happens(samples.pressure_Pa - 101325.0) + 101325.0)], Config())
+    assert pressure_order(record)
+    assert pressures_held(record)
+
+
+def test_a_ramp_holds_no_pressure() -> None:
+    samples = at_pressures((50.0, 50.0, 50.0), 20.0)
+    ramp = np.linspace(1.5e5, 5e5, len(samples))
+    record = build_record([replace(samples, pressure_Pa=ramp)], Config())
+    assert pressure_order(record)
+    assert not pressures_held(record)
+
+
+@pytest.mark.parametrize("psi", [(50.0, 200.0), (50.0, 100.0, 200.0)])
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        "viscosity_drift:size=0.02",
+        "viscosity_drift:size=0.04,time_constant=15",
+        "pressure_dependence:size=0.04",
+        "pressure_dependence:size=0.04,form=1",
+    ],
+)
+def test_a_slow_change_that_goes_on_within_each_pressure_is_no_matter_of_the_pressure(hidden, psi) -> None:
+    """With pressures in one order either is in the other's set."""
+    segments = tuple(segment(t, p, s) for p in psi for t, s in ((1.0, 10.0), (5.0, 15.0)))
+    name = hidden.split(":")[0]
+    both = {n: EFFECTS[n] for n in ("viscosity_drift", "pressure_dependence")}
+    (one,) = diagnose([record([hidden], segments=segments)], Config(), catalogue=both).effects
+    assert one.name == name
+    assert set_of(one) == set(both)
+
+
+@pytest.mark.parametrize(
+    ("at", "found", "least", "most"),
+    [
+        pytest.param(51.0, {"bias_step"}, 0.0, 8.0, id="within a pressure"),
+        pytest.param(44.0, set(), 30.0, 100.0, id="where it changes"),
+    ],
+)
+def test_a_step_beside_a_dependence_on_the_pressure_is_named_if_it_is_within_one(at, found, least, most) -> None:
+    """The rig depends on its pressures, which come in one order: 50, 125 and 200 psi from 0, 22 and 44 s on."""
+    segments = tuple(segment(t, p, s) for p in (50.0, 125.0, 200.0) for t, s in ((1.0, 7.0), (5.0, 15.0)))
+    own = PLANTS["rig"].traits
+    some = {name: EFFECTS[name] for name in (*own, "bias_step")}
+    data = record([f"bias_step:step=0.5,at={at}"], plant="rig", segments=segments)
+    result = diagnose([data], Config.from_mapping({"theory.kind": "seal"}), catalogue=some)
+    told = {effect.name: effect for effect in result.effects}
+    assert set(told) - set(own) == found
+    assert "bias_step" in {*told, *told["pressure_dependence"].rivals}
+    assert least < result.unexplained_percent < most
+
+
+def beside(term: Callable[[Trace], Floats], bars: tuple[float, ...], ramp: bool = False) -> Diagnosis:
+    """Diagnose the clean plant with a term more, N, at these pressures or at one that rises all the time."""
+    psi = tuple(bar * 14.5038 for bar in bars)
+    parts = tuple(segment(t, p, s) for p in psi for t, s in ((1.0, 10.0), (5.0, 20.0)))
+
+    def at(trace: Trace) -> Trace:
+        rising = np.linspace(0.5e5, 4e5, trace.pressure_Pa.size)
+        return replace(trace, pressure_Pa=rising) if ramp else trace
+
+    def law(trace: Trace) -> Floats:
+        return PLANTS["clean"](SealConfig(), 200.0)(at(trace)) + term(at(trace)) * np.tanh(trace.velocity_m_s / 0.01)
+
+    samples = simulate(Scenario(parts, "clean", 200.0, 0.01, 904), law=law).samples
+    if ramp:
+        samples = replace(samples, pressure_Pa=np.linspace(0.5e5, 4e5, len(samples)) + 101325.0)
+    return diagnose([samples], Config(), catalogue=SLOW_ONES)
+
+
+@pytest.mark.parametrize("bars", [(1.0, 4.0), (4.0, 1.0)])
+def test_friction_that_follows_the_pressure_late_is_no_change_in_time(bars) -> None:
+    """A seal creeps into its groove. Nothing in the catalogue does: what is left is told, and has no name."""
+    result = beside(lambda trace: 3e-6 * lagged(trace.pressure_Pa, trace.time_s[1] - trace.time_s[0], 8.0), bars)
+    assert [effect.name for effect in result.effects] == ["pressure_dependence"]
+    assert result.remainder is not None
+
+
+def test_a_threshold_that_a_ramp_goes_through_is_no_step_in_time() -> None:
+    result = beside(lambda trace: 0.25 * (1.0 + np.tanh((trace.pressure_Pa - 2.075e5) / 1e3)), (1.0, 1.0), ramp=True)
+    assert [effect.name for effect in result.effects] == ["pressure_dependence"]
+    assert "gain_step" in result.effects[0].rivals
+    assert result.remainder is not None
