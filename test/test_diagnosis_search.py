@@ -11,7 +11,11 @@ from friction_estimator.diagnosis.base_problem import Capacity
 from friction_estimator.diagnosis.capacity import in_words
 from friction_estimator.diagnosis.causes import Cause
 from friction_estimator.diagnosis.diagnose import diagnose
+from friction_estimator.diagnosis.gaining import gaining
+from friction_estimator.diagnosis.joint import JointFit
+from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import build_record
+from friction_estimator.diagnosis.search import Searcher
 from friction_estimator.effects import EFFECTS
 from friction_estimator.rig.drive import segment
 
@@ -163,3 +167,30 @@ def with_theory(**factors: float) -> Config:
     """Return the settings with parameters of the theory times factors."""
     seal = Config().seal
     return replace(Config(), seal=replace(seal, **{name: getattr(seal, name) * by for name, by in factors.items()}))
+
+
+def test_a_cause_between_others_that_gains_nothing_is_not_told() -> None:
+    seal = Config.from_mapping({"theory.kind": "seal"})
+    data = build_record([record(["inertia:mass=0.5", "presliding:amplitude=0.9,length=2.6e-5"])], seal)
+    context = data.context(seal, float(np.abs(data.friction_N).max()))
+    some = {name: EFFECTS[name] for name in ("inertia", "presliding")}
+    found = Searcher(data, seal, context, some, 0)(lambda _stage, _part: None)
+    assert [cause.name for cause in found.causes] == ["inertia", "presliding"]
+    base, one, both = found.models
+    bias = Term(EFFECTS["sensor_bias"], {})
+    fit = JointFit(found.problem, context)
+    fits = [
+        fit(terms, one.base.coefficients, search=False)
+        for terms in ([*one.terms, bias], [*one.terms, bias, both.terms[-1]])
+    ]
+    causes = (found.causes[0], Cause("sensor_bias", 0.01, 1.0, ()), found.causes[1])
+    with_it = replace(found, causes=causes, models=(base, one, *fits))
+    left, errors = gaining(with_it, data, context, 1.0)
+    assert [cause.name for cause in left.causes] == ["inertia", "presliding"]
+    assert [[term.name for term in model.terms] for model in left.models] == [
+        [],
+        ["inertia"],
+        ["inertia", "presliding"],
+    ]
+    assert len(errors) == 3
+    assert np.std(left.models[-1].residual_N) == pytest.approx(np.std(both.residual_N), rel=1e-3)

