@@ -329,8 +329,7 @@ class Candidates:
 
     def without(self, model: Model, i: int) -> Model:
         """Return the model without one of its terms, the others refined from where they are."""
-        terms = [t for k, t in enumerate(model.joint.terms) if k != i]
-        return self._judged(self._fit(terms, model.joint.base.coefficients, search=False))
+        return self._judged(self._fit.without(model.joint, i))
 
     def _known_sign(self, model: Model, i: int) -> bool:
         """Return `known_sign` of one term of a model."""

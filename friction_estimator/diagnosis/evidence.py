@@ -59,7 +59,7 @@ class Evidence:
     def __init__(self, tangent: Rows, penalty: Floats, residual: Floats, used: Bools, block: Ints, seed: int) -> None:
         self._edges = block_edges(block)
         self.blocks = self._edges.size - 1
-        self._used = used
+        self.used = used
         self._tangent = tangent
         self.residual = residual * used
         self.penalty = penalty
@@ -79,7 +79,7 @@ class Evidence:
         """Yield the record in pieces of whole blocks."""
         for first, last in piece_edges(self._edges):
             part = slice(int(self._edges[first]), int(self._edges[last]))
-            used = self._used[part]
+            used = self.used[part]
             z = self._tangent[part]
             edges = self._edges[first : last + 1] - self._edges[first]
             z = z if used.all() else z * used[:, None]
@@ -99,7 +99,7 @@ class Evidence:
 
     def by_block(self, left: Floats, right: Floats) -> Floats:
         """Return the sum of left right over the samples in use of each block, (n,) and (n,): (blocks,)."""
-        return np.add.reduceat(left * right * self._used, self._edges[:-1])
+        return np.add.reduceat(left * right * self.used, self._edges[:-1])
 
     def fit(self, moments: Moments, rule: Rule, rows: Bools | None = None) -> Fit:
         """Fit base and hypothesis jointly on the chosen blocks (default all)."""
@@ -186,7 +186,7 @@ class Evidence:
     def with_residual(self, residual: Floats) -> "Evidence":
         """Return the evidence about another residual (n,) of the same model; products with it are formed anew."""
         other = copy(self)
-        other.residual = residual * self._used
+        other.residual = residual * self.used
         other._solved = {}
         other.ze = np.empty_like(self.ze)
         for piece in other.pieces():

@@ -39,9 +39,6 @@ def gaining(found: Search, record: Record, context: Context, spread: float) -> t
 def _without(found: Search, i: int, context: Context) -> Search:
     """Return the search without one of its causes, the later models fitted anew from where they are."""
     fit = JointFit(found.problem, context)
-    later = [
-        fit([term for k, term in enumerate(model.terms) if k != i], model.base.coefficients, search=False)
-        for model in found.models[i + 2 :]
-    ]
+    later = [fit.without(model, i) for model in found.models[i + 2 :]]
     causes = (*found.causes[:i], *found.causes[i + 1 :])
     return replace(found, causes=causes, models=(*found.models[: i + 1], *later))

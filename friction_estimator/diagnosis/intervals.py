@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtrit
 
-from friction_estimator.core.sample import Bools, Floats
+from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.evidence import Evidence
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.library import columns_of
@@ -127,7 +127,7 @@ def estimates(
         if left_N2 is not None:
             for i, name in enumerate(names, free):
                 if name in term.effect.steps and (joint.scales[place + i] == 0.0 or untold[place + i]):
-                    part[i, i] = _jumping(joint, number, name, context, known, record.used, left_N2, quantile) ** 2
+                    part[i, i] = _jumping(joint, number, name, context, known, left_N2, quantile) ** 2
                     untold[place + i] = False
         nothing = untold[place : place + theta.size]
         place += theta.size
@@ -166,14 +166,7 @@ def estimates(
 
 
 def _jumping(
-    joint: Joint,
-    number: int,
-    name: str,
-    context: Context,
-    known: Curvature,
-    used: Bools,
-    left_N2: float,
-    quantile: float,
+    joint: Joint, number: int, name: str, context: Context, known: Curvature, left_N2: float, quantile: float
 ) -> float:
     """Return the reach of a parameter in which the columns jump, and that a small step does not move.
 
@@ -187,6 +180,7 @@ def _jumping(
     def columns(at: float) -> Floats:
         return columns_of(term.effect, {**term.params, name: at}, features, joint.reference)
 
+    used = known.evidence.used
     standing = columns(here)[used]
     low, high = term.effect.bracket(name, here, context)
     first, last = plateau(lambda at: np.array_equal(columns(at)[used], standing), here, low, high)

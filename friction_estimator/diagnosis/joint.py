@@ -122,6 +122,11 @@ class JointFit:
         steps = [name for name in last.refined if name in last.steps and last.fixed_gain]
         return self._walked(found, terms, steps[0], base, rounds) if search and steps else found
 
+    def without(self, joint: Joint, i: int) -> Joint:
+        """Return a fit without one of its terms, the others refined from where they are."""
+        terms = [term for k, term in enumerate(joint.terms) if k != i]
+        return self(terms, joint.base.coefficients, search=False)
+
     def _walked(self, found: Joint, terms: Sequence[Term], name: str, base: Coefficients, rounds: int) -> Joint:
         """Return the fit on the best plateau of a jumping parameter, from the one that a search has put it on.
 

@@ -46,6 +46,10 @@ class Term:
         """Id of the effect."""
         return self.effect.name
 
+    def columns(self, features: Features, reference: Reference) -> Floats:
+        """Return its columns beside nothing else, (n, c)."""
+        return columns_of(self.effect, self.params, features, reference)
+
 
 def before(one: type[Effect], other: type[Effect]) -> bool:
     """Return whether an effect acts at an earlier stage than another one."""
@@ -100,11 +104,6 @@ def largest_change(
 def _earlier(features: Features, late_s: float) -> Callable[[str, Floats], Floats]:
     """Return what every channel was some time ago."""
     return lambda _, values: shifted(values, features, late_s)
-
-
-def columns(term: Term, features: Features, reference: Reference) -> Floats:
-    """Return the columns of a term, (n, c), beside nothing else."""
-    return columns_of(term.effect, term.params, features, reference)
 
 
 class LastMade:
@@ -269,7 +268,7 @@ class OwnColumns:
 
     def _change(self, term: Term, features: Features, theory: Reference) -> Floats:
         """Return what a film that lags changes in the base's own columns, (n, m), or in the first one, (n, 1)."""
-        column = columns(term, features, theory)
+        column = term.columns(features, theory)
         film = self.film(term, features, theory)
         if film is None:
             return column

@@ -10,18 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from friction_estimator.core.sample import Floats
-from friction_estimator.diagnosis.library import columns_of, with_running_force
-from friction_estimator.diagnosis.own_columns import (
-    PARTS,
-    LastMade,
-    OnFilm,
-    OwnColumns,
-    Term,
-    before,
-    columns,
-    film_of,
-    time_of,
-)
+from friction_estimator.diagnosis.library import with_running_force
+from friction_estimator.diagnosis.own_columns import PARTS, LastMade, OnFilm, OwnColumns, Term, before, film_of, time_of
 from friction_estimator.effects.features import Features
 from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.shapes import level, sliding
@@ -47,7 +37,7 @@ class TermColumns:
         self._forced: tuple[Reference, list[Features], list[Features]] | None = None
         self._lacking: tuple[Features, Term, Floats] | None = None
         self._levels: tuple[Features, Reference, dict[str, float], Floats] | None = None
-        self._made = LastMade(columns)
+        self._made = LastMade(Term.columns)
 
     def settle(self, fitted_N: Floats, terms: Sequence[Term], reference: Reference, features: Features) -> None:
         """Take the force that runs at the stage of each term from a fit, for columns at these features.
@@ -83,7 +73,7 @@ class TermColumns:
         forces = self.forces[1] if self.forces is not None and self.forces[0] is features else {}
         if term.name in forces and term.effect.columns(term.params).of_force:
             # The fitted force has film and bristles in it.
-            return columns_of(term.effect, term.params, features.with_force(forces[term.name]), reference)
+            return term.columns(features.with_force(forces[term.name]), reference)
         if time is not None and not before(term.effect, time.effect):
             time = None
         parts = [self._at(term, terms, reference, moment) for moment in self._moments(time, reference, features)]
@@ -125,10 +115,10 @@ class TermColumns:
         if bristles is None:
             return made
         if self._lacking is None or self._lacking[0] is not features or self._lacking[1] is not bristles:
-            lacking = columns_of(bristles.effect, bristles.params, features, reference) @ bristles.weights
+            lacking = self._made(bristles, features, reference) @ bristles.weights
             self._lacking = features, bristles, lacking / level(features.velocity_m_s, features.pressure_Pa, reference)
         forward = sliding(features, reference)
-        stands = columns_of(term.effect, term.params, forward, reference)
+        stands = term.columns(forward, reference)
         return made + (self._lacking[2] / reference.smooth_sign(forward.velocity_m_s))[:, None] * stands
 
     def _level_on_film(self, lag: Term, features: Features, reference: Reference) -> Floats:

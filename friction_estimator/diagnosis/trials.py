@@ -18,7 +18,7 @@ from friction_estimator.diagnosis.base import BaseFit, reference_of
 from friction_estimator.diagnosis.base_problem import BaseProblem
 from friction_estimator.diagnosis.evidence import Evidence
 from friction_estimator.diagnosis.joint import Joint
-from friction_estimator.diagnosis.library import built, columns_of, with_running_force
+from friction_estimator.diagnosis.library import built, with_running_force
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import Record, build_record
 from friction_estimator.diagnosis.rivals import alike
@@ -133,7 +133,7 @@ class Trials:
             return []
         out = []
         for made in self._made:
-            part = columns_of(term.effect, term.params, made.features, made.reference) @ term.weights
+            part = term.columns(made.features, made.reference) @ term.weights
             points = [*rival.grid(made.context), *rival.peaks(part, made.features, made.context)]
             points += [params] if params is not None else []
             if not points:
