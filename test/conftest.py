@@ -12,6 +12,8 @@ one_thread()  # before a test brings in numpy
 # A shell that starts the suite in the background has it ignore SIGINT, and every child inherits that.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:  # nohup does the same with SIGHUP
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 SHARED = Path(__file__).parents[1].parent / "shared" / "data"
 HOSTILE = SHARED.with_name("hostile")

@@ -114,7 +114,7 @@ def rest_spike(step, previous, velocity, length, rest_speed, exponent, state, ou
             out[k] = state[3] * state[1] ** exponent * np.exp(-state[2] / length)
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def substeps(before, now, bend):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Return the number of parts in which the velocity changes by at most `bend`: the curve is straight within each."""
     return max(1, min(MOST_STEPS, int(np.ceil(abs(now - before) / bend - 1e-9))))
@@ -126,6 +126,7 @@ def force_lag(step, previous, velocity, pressure, tau, twice, table, pressures, 
 
     F is linear within a step, for which the lag's answer is exact. state = [y, F at the last step, started, second y].
     """
+    dt, decay = 0.0, 1.0  # kept: samples are evenly spaced, nearly everywhere
     for k in range(velocity.size):
         now = lookup(table, pressures, bend, reach, velocity[k], pressure[k])
         if step[k] <= 0.0 or state[2] == 0.0:
@@ -136,8 +137,9 @@ def force_lag(step, previous, velocity, pressure, tau, twice, table, pressures, 
             out[k] = 0.0
             continue
         count = substeps(previous[k], velocity[k], bend)
-        dt = step[k] / count
-        decay = np.exp(-dt / tau)
+        if step[k] / count != dt:
+            dt = step[k] / count
+            decay = np.exp(-dt / tau)
         for i in range(1, count + 1):
             v = previous[k] + (velocity[k] - previous[k]) * i / count
             f = now if i == count else lookup(table, pressures, bend, reach, v, pressure[k])

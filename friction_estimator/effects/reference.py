@@ -18,10 +18,14 @@ Surface = Callable[[Floats, Floats], Floats]
 """(velocity m/s, gauge pressure Pa) -> friction N, elementwise."""
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def place(pressures, bend, reach, steps, velocity, pressure):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Return where a point lies in a table: i and a part of the way to i + 1 in velocity, j and q in pressure."""
-    along = min(max((np.arcsinh(velocity / bend) / reach + 1.0) * 0.5 * steps, 0.0), float(steps))
+    along = (np.arcsinh(velocity / bend) / reach + 1.0) * 0.5 * steps
+    if along < 0.0:
+        along = 0.0
+    elif along > steps:
+        along = float(steps)
     i = min(int(along), steps - 1)
     j, q = 0, 0.0
     if pressures.size > 1:
@@ -31,7 +35,7 @@ def place(pressures, bend, reach, steps, velocity, pressure):  # type: ignore[no
     return i, along - i, j, q
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def between(table, i, part, j, q):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Return the bilinear interpolation of table[pressure, velocity] at a `place`."""
     below = table[j, i] * (1.0 - part) + table[j, i + 1] * part
@@ -41,7 +45,7 @@ def between(table, i, part, j, q):  # type: ignore[no-untyped-def] # pragma: no 
     return below * (1.0 - q) + above * q
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def lookup(table, pressures, bend, reach, velocity, pressure):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Return the bilinear interpolation of table[pressure, velocity]; both are held at the edges."""
     i, part, j, q = place(pressures, bend, reach, table.shape[1] - 1, velocity, pressure)
@@ -50,8 +54,10 @@ def lookup(table, pressures, bend, reach, velocity, pressure):  # type: ignore[n
 
 @njit(cache=True)
 def _lookups(table, pressures, bend, reach, velocity, pressure, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    steps = table.shape[1] - 1
     for k in range(velocity.size):
-        out[k] = lookup(table, pressures, bend, reach, velocity[k], pressure[k])
+        i, part, j, q = place(pressures, bend, reach, steps, velocity[k], pressure[k])
+        out[k] = between(table, i, part, j, q)
 
 
 @dataclass(frozen=True)

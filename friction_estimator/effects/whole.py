@@ -106,40 +106,41 @@ def first_order(
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _first_order(step, parts, part_s, tau, twice, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     count, width = parts.shape[0], parts.shape[2]
     state, second, last = np.zeros(width), np.zeros(width), np.zeros(width)
     of_part = np.exp(-part_s / tau)
     of_first, first_s = 1.0, 0.0  # kept: samples are evenly spaced, nearly everywhere
     for k in range(parts.shape[1]):
-        begins = k == 0 or step[k] <= 0.0
+        if k == 0 or step[k] <= 0.0:
+            for c in range(width):
+                state[c] = second[c] = last[c] = out[k, c] = parts[count - 1, k, c]
+            continue
         first = step[k] - (count - 1) * part_s
-        for s in range(0 if first > 0.0 and not begins else count - 1, count):
+        for s in range(0 if first > 0.0 else count - 1, count):
             dt, decay = part_s, of_part
             if s == 0 or first <= 0.0:
                 dt = first if first > 0.0 else step[k]
                 if dt != first_s:
                     of_first, first_s = np.exp(-dt / tau), dt
                 decay = of_first
-            for c in range(width):
-                now = parts[s, k, c]
-                if begins:
-                    state[c], second[c] = now, now
-                else:
-                    _lag(state, second, c, last[c], now, dt, tau, decay)
-                last[c] = now
+            _lag(state, second, last, parts[s, k], dt, tau, decay, twice)
         for c in range(width):
             out[k, c] = second[c] if twice else state[c]
 
 
-@njit(cache=True)
-def _lag(state, second, c, last, now, dt, tau, decay):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Take the lag of a value that goes straight from `last` to `now`, and the lag of that lag, a step further."""
-    slope = (now - last) / dt
-    away = state[c] - last + slope * tau
-    second[c] = now - 2.0 * slope * tau + (second[c] - last + 2.0 * slope * tau + away * dt / tau) * decay
-    state[c] = now - slope * tau + away * decay
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _lag(state, second, last, now, dt, tau, decay, twice):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Take the lags of columns that go straight from `last` to `now` a step on, and the lags of those if `twice`."""
+    for c in range(state.size):
+        slope = (now[c] - last[c]) / dt
+        away = state[c] - last[c] + slope * tau
+        if twice:
+            behind = second[c] - last[c] + 2.0 * slope * tau + away * dt / tau
+            second[c] = now[c] - 2.0 * slope * tau + behind * decay
+        state[c] = now[c] - slope * tau + away * decay
+        last[c] = now[c]
 
 
 @njit(cache=True)
@@ -183,14 +184,16 @@ def _unfiltered(step, values, tau, out):  # type: ignore[no-untyped-def] # pragm
         out[k] = values[k] + tau * slope
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _row(values, i, part, j, q, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    for c in range(out.size):
-        below = values[j, i, c] * (1.0 - part) + values[j, i + 1, c] * part
-        if q > 0.0:
+    if q > 0.0:
+        for c in range(out.size):
+            below = values[j, i, c] * (1.0 - part) + values[j, i + 1, c] * part
             above = values[j + 1, i, c] * (1.0 - part) + values[j + 1, i + 1, c] * part
-            below += (above - below) * q
-        out[c] = below
+            out[c] = below + (above - below) * q
+    else:
+        for c in range(out.size):
+            out[c] = values[j, i, c] * (1.0 - part) + values[j, i + 1, c] * part
 
 
 @njit(cache=True)
@@ -201,7 +204,7 @@ def _columns(velocity, pressure, values, pressures, bend, reach, out):  # type: 
         _row(values, i, part, j, q, out[k])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _lagged(step, previous, velocity, pressure, tau, twice, values, pressures, bend, reach, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     steps, width = values.shape[1] - 1, values.shape[2]
     state, last, now, second = np.zeros(width), np.zeros(width), np.zeros(width), np.zeros(width)
@@ -211,10 +214,7 @@ def _lagged(step, previous, velocity, pressure, tau, twice, values, pressures, b
             i, part, j, q = place(pressures, bend, reach, steps, velocity[k], pressure[k])
             _row(values, i, part, j, q, now)
             for c in range(width):
-                state[c] = now[c]
-                last[c] = now[c]
-                second[c] = now[c]
-                out[k, c] = now[c]
+                state[c] = second[c] = last[c] = out[k, c] = now[c]
             continue
         count = substeps(previous[k], velocity[k], bend)
         if step[k] / count != dt:
@@ -224,8 +224,6 @@ def _lagged(step, previous, velocity, pressure, tau, twice, values, pressures, b
             v = previous[k] + (velocity[k] - previous[k]) * s / count
             i, part, j, q = place(pressures, bend, reach, steps, v, pressure[k])
             _row(values, i, part, j, q, now)
-            for c in range(width):
-                _lag(state, second, c, last[c], now[c], dt, tau, decay)
-                last[c] = now[c]
+            _lag(state, second, last, now, dt, tau, decay, twice)
         for c in range(width):
             out[k, c] = second[c] if twice else state[c]
