@@ -71,6 +71,22 @@ def test_what_follows_the_begin_of_a_recording_is_left_out():
         assert data.used[begin & (run > 0.0401 * stroke)].all()
 
 
+def test_of_a_short_run_between_two_pauses_most_is_used():
+    """Runs at constant speed, each from where the shaft was brought by hand: slow ones end within a length."""
+    speeds = [sign * speed for speed in (0.005, 0.02, 0.1, 0.5, 1.0) for sign in (1.0, -1.0)]
+    n = 3 * RATE_HZ
+    v = np.repeat(speeds, n)
+    x = np.concatenate([speed * np.arange(n) / RATE_HZ for speed in speeds])
+    run = np.repeat(np.arange(len(speeds)), n)
+    stamps = 1 + np.round((np.arange(v.size) / RATE_HZ + 10.0 * run) * NS_PER_S).astype(np.int64)
+    begins = np.arange(v.size) % n == 0
+    data = build_record([Samples(stamps, v, np.sign(v) + 0.5 * v, begins, position_m=x)], Config())
+    used = data.used.reshape(len(speeds), n)
+    assert not used[:, :2].any()
+    assert np.all(used.mean(axis=1) > 0.75)
+    assert np.all(used[-2:].mean(axis=1) > 0.9)  # a fast one loses 4 % of the whole way alone
+
+
 def test_gaps_are_recorded_time_and_no_running_time():
     record = build_record([recorded(pauses=((20.0, 30.0), (40.0, 5.0)))], Config())
     f = record.features

@@ -28,6 +28,9 @@ SHORTEST_BLOCK = 64
 STEEPEST = 0.999
 """Quantile of the acceleration that counts as the largest: what turns the shaft within a gap."""
 
+MOST_FORGOTTEN = 0.2
+"""Share of the way from one turn that nobody saw to the next one that is left out at the most."""
+
 
 @dataclass(frozen=True)
 class Record:
@@ -238,7 +241,8 @@ def _forgotten(features: Features) -> Bools:
     """Return which samples follow a turn that nobody saw, (n,), until the shaft has run a length of memory.
 
     It may have turned before a recording begins, and in a gap, unless no acceleration of the record turns it there.
-    Where bristles or a gap stand after it nobody knows; a few such samples can weigh more than all the noise.
+    Where bristles or a gap stand after it nobody knows; a few such samples can weigh more than all the noise. Where it
+    runs a few of those lengths only until the next one, a share of that way is left out: the rest is all that there is.
     """
     v, first = features.velocity_m_s, np.flatnonzero(features.step_s == 0.0)
     begins = first[np.diff(features.recording[first], prepend=-1) != 0]
@@ -246,11 +250,12 @@ def _forgotten(features: Features) -> Bools:
     top = float(np.quantile(np.abs(features.acceleration_m_s2), STEEPEST))
     gone = features.time_s[after] - features.time_s[after - 1]
     turned = (np.abs(v[after]) + np.abs(v[after - 1]) < top * gone) | (v[after] * v[after - 1] < 0.0)
-    hidden = np.full(v.size, -np.inf)
-    hidden[begins] = features.distance_m[begins]
-    hidden[after[turned]] = features.distance_m[after[turned]]
-    length = LONGEST_LENGTH * float(np.ptp(features.position_m))
-    return np.asarray(features.distance_m - np.maximum.accumulate(hidden) < length)
+    hidden = np.union1d(begins, after[turned])
+    at = features.distance_m[hidden]
+    run = np.diff(at, append=features.distance_m[-1])
+    length = np.minimum(LONGEST_LENGTH * float(np.ptp(features.position_m)), MOST_FORGOTTEN * run)
+    last = np.searchsorted(hidden, np.arange(v.size), side="right") - 1
+    return np.asarray(features.distance_m - at[last] < length[last])
 
 
 def feature_maker(config: Config, reversal_speed_m_s: float) -> FeatureMaker:
