@@ -112,6 +112,32 @@ def test_a_time_is_sought_again_beside_what_was_found_after_it(name: str, delay:
     assert settled.gain > both.gain
 
 
+def test_a_time_is_sought_anew_only_where_a_search_ends_elsewhere() -> None:
+    samples = simulate(Scenario(SHORT, plant="film_lag", rate_hz=200.0, seed=7)).samples
+    record = build_record([samples], SEAL)
+    context = record.context(SEAL, float(np.abs(record.friction_N).max()))
+    fit = JointFit(BaseProblem(record, SEAL), context)
+    lag = Term(EFFECTS["frictional_lag"], {"lag": 0.004, "rest": 0.0})
+    settled = fit([Term(EFFECTS["sensor_bias"], {}), lag])
+    *others, last = settled.terms
+    assert not fit.elsewhere(settled.terms, settled.base.coefficients)
+    moved = replace(last, params=last.params | {"lag": 1.5 * last.params["lag"]})
+    assert fit.elsewhere([*others, moved], settled.base.coefficients)
+    assert not fit.elsewhere([lag, *others], settled.base.coefficients)  # a bias has nothing to be sought
+
+
+def test_a_filter_slower_than_what_is_scanned_is_begun_where_it_is() -> None:
+    """Behind a curve that is not the true one the scan's longest time looked best, and a search led away from it."""
+    step, true = 0.01, 0.12
+
+    def fitted(time: float) -> SimpleNamespace:
+        return SimpleNamespace(cost=1.0 + min(abs(np.log(time / true)), 0.5) - 1e-3 * time, late=0.0)
+
+    assert best_time(fitted, fitted(1e-3), lambda fit: fit.late, step) == pytest.approx(0.04)
+    found = best_time(fitted, fitted(1e-3), lambda fit: fit.late, step, hint_s=0.115)
+    assert found == pytest.approx(true, rel=0.02)
+
+
 def test_a_lag_of_the_film_settles_in_a_few_rounds() -> None:
     """Beside the base, with coefficient one, it took tens of rounds: the column followed the gain of the last one."""
     samples = simulate(Scenario(SHORT, plant="film_lag", rate_hz=200.0, seed=7)).samples

@@ -205,6 +205,8 @@ class Candidates:
         for name in names[:-1]:
             for _ in range(RESETTLINGS if self.catalogue[name].refined else 0):
                 last = sorted(best.terms, key=lambda t, n=name: t.name == n)  # type: ignore[misc]
+                if not self._fit.elsewhere(last, best.base.coefficients):
+                    break
                 found = self._fit(last, best.base.coefficients)
                 here, there = best.base.coefficients, found.base.coefficients
                 if here.cost - there.cost <= RESETTLED * here.variance:

@@ -46,6 +46,9 @@ DERIVATIVE_STEP = 1e-3
 JUMP_STEP = 4e-3
 """The same for a parameter in which the columns jump: at least a sample must move."""
 
+MOVED = 0.05
+"""Share of the logarithm of its bracket beyond which a parameter that is sought anew lies in another minimum."""
+
 LEAST_SLOPE = 1e-11
 """Share of the rms of friction below which a column of the tangent is rounding: its parameter stays where it is."""
 
@@ -152,12 +155,9 @@ class JointFit:
     def _fit(self, terms: list[Term], base: Coefficients, rounds: int, search: bool) -> Joint:
         """Fit terms from where they are, or from where a search has put the last one."""
         reference, features = self._reference(base, terms)
-        if search and terms[-1].effect.carries(terms[-1].params):
-            # The base has bent towards what bristles lack, most at low speed: the level that they carry is another one.
-            reference = self._base.untouched or reference
-        if search and terms[-1].effect.refined:
-            looked = self._scanned if self._base.changed_by(terms[-1]) else self._searched
-            terms[-1] = replace(terms[-1], params=looked(terms, base, reference, features))
+        if search:
+            reference = self._tables_to_search(terms[-1], reference)
+            terms[-1] = replace(terms[-1], params=self._sought(terms, base, reference, features))
         anchors = [{n: t.effect.bracket(n, t.params[n], self._context) for n in t.effect.refined} for t in terms]
         columns = self._columns(terms, reference, features)
         base = self._fitted(terms, columns, base)
@@ -205,6 +205,35 @@ class JointFit:
         joined = Extra(whole.mx[:, :, :c], whole.xx[:, :c, :c], whole.xy[:, :c] - whole.xx[:, :c, c])
         still = Extra(whole.mx[:, :, c:], whole.xx[:, c:, c:], whole.xy[:, c:])
         return problem.fit(joined, still, self._rows, starts)
+
+    def elsewhere(self, terms: Sequence[Term], start: Coefficients) -> bool:
+        """Return whether a search for the last term's refined parameters ends elsewhere than where they are."""
+        term = terms[-1]
+        reference, features = self._reference(start, terms)
+        found = self._sought(terms, start, self._tables_to_search(term, reference), features)
+        for name in term.effect.refined:
+            here, there = term.params[name], found[name]
+            low, high = term.effect.bracket(name, here, self._context)
+            if here != there and (name in term.effect.steps or abs(np.log(there / here)) > MOVED * np.log(high / low)):
+                return True
+        return False
+
+    def _tables_to_search(self, last: Term, reference: Reference) -> Reference:
+        """Return the tables with which the last term's parameters are sought.
+
+        The base has bent towards what bristles lack, most at low speed: the level that they carry is another one.
+        """
+        carries = last.effect.carries(last.params)
+        return (self._base.untouched or reference) if carries else reference
+
+    def _sought(
+        self, terms: Sequence[Term], base: Coefficients, reference: Reference, features: Features
+    ) -> dict[str, float]:
+        """Return the last term's parameters with the refined ones where a search over their brackets ends."""
+        if not terms[-1].effect.refined:
+            return dict(terms[-1].params)
+        looked = self._scanned if self._base.changed_by(terms[-1]) else self._searched
+        return looked(terms, base, reference, features)
 
     def _scanner(self) -> "JointFit":
         """Return a fit of every other block: enough to look for a time, which the steps that follow settle."""

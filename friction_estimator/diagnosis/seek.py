@@ -148,22 +148,23 @@ def best_time(
     fitted : the fit at a time. start : the fit without it. mean_delay : of the base's memory in a fit, samples.
     step_s : sample period. ahead : the time is one by which the force is ahead, as for a velocity that is late: the
         memory can take up nothing of it, and what it delays the time has to make up for. longest_s : that the record
-        can show. hint_s : of screening, tried where the force is ahead: far below the true time nothing gets better.
+        can show. hint_s : where it is, or where screening sees it, tried, too: so no search ends worse than it began,
+        and where the force is ahead nothing gets better far below the true time.
     """
     tried = {share * step_s: fitted(share * step_s) for share in SCANNED}
+    last = max(tried)
+    while ahead and LADDER * last < longest_s and all(tried[last].cost <= fit.cost for fit in tried.values()):
+        last *= LADDER
+        tried[last] = fitted(last)
+    if 0.0 < hint_s <= longest_s:
+        tried[hint_s] = fitted(hint_s)
+        if hint_s > last and tried[hint_s].cost <= min(fit.cost for fit in tried.values()):
+            nearer, _ = _between(fitted, hint_s / GRID, min(hint_s * GRID, longest_s))
+            tried[nearer] = fitted(nearer)
     # What the base's memory has taken up belongs to the whole force's time: moved over until none is left. No memory
     # takes up a force that is ahead: it delays what too long a time has put too far ahead, and the wells are narrow.
     value, left, way, enough = 0.0, start, 1.0, MOVED
     if ahead:
-        last = max(tried)
-        while LADDER * last < longest_s and all(tried[last].cost <= fit.cost for fit in tried.values()):
-            last *= LADDER
-            tried[last] = fitted(last)
-        if last < hint_s <= longest_s:
-            tried[hint_s] = fitted(hint_s)
-            if tried[hint_s].cost <= min(fit.cost for fit in tried.values()):
-                nearer, _ = _between(fitted, hint_s / GRID, min(hint_s * GRID, longest_s))
-                tried[nearer] = fitted(nearer)
         value = min(tried, key=lambda time: tried[time].cost)
         left, way, enough = tried[value], -1.0, MOVED_AHEAD
     for _ in range(MEMORY_MOVES):
