@@ -12,7 +12,9 @@ from friction_estimator.core.quantities import Quantities
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.diagnose import Diagnosis, diagnose
 from friction_estimator.diagnosis.extend import is_offered
-from friction_estimator.diagnosis.summary import as_json, sentences
+from friction_estimator.diagnosis.intervals import Estimate
+from friction_estimator.diagnosis.result import Found
+from friction_estimator.diagnosis.summary import UNSIZED, as_json, sentence, sentences
 from friction_estimator.effects import EFFECTS
 
 PACKAGE = Path(__file__).parents[1] / "friction_estimator"
@@ -49,6 +51,20 @@ def test_what_is_left_is_measured_in_one_way(unexplained: Diagnosis) -> None:
 
 def test_unexplained_offers_no_model(unexplained: Diagnosis) -> None:
     assert not is_offered(unexplained)
+
+
+def test_a_cause_whose_size_the_record_does_not_tell_is_told_so() -> None:
+    """A robot that runs at two speeds: presliding of -0.57 N (-10.8 to 9.6) whose gain was beyond doubt."""
+    length = Estimate(3e-5, "m", 1e-5, 5e-5)
+    found = Found(
+        "presliding", 0.005, {"amplitude": Estimate(-0.57, "N", -10.8, 9.6), "length": length}, None, (), None, "it", 0
+    )
+    assert UNSIZED in sentence(found, Quantities())
+    sized = replace(found, parameters={"amplitude": Estimate(-0.57, "N", -0.9, -0.2), "length": length})
+    assert UNSIZED not in sentence(sized, Quantities())
+    late = replace(found, name="time_delay", parameters={"delay": Estimate(1e-3, "s", 0.0, 2e-3)})  # it has no other
+    assert UNSIZED in sentence(late, Quantities())
+    assert UNSIZED not in sentence(replace(late, parameters={"delay": length}), Quantities())
 
 
 def test_another_cause_beside_what_is_unexplained_is_named_first() -> None:

@@ -9,17 +9,16 @@ from friction_estimator.core.sample import Bools, Floats
 from friction_estimator.diagnosis.base import BaseFit, reference_of
 from friction_estimator.diagnosis.base_problem import BaseProblem, Coefficients
 from friction_estimator.diagnosis.evidence import Evidence
-from friction_estimator.diagnosis.lagged import Extra
 from friction_estimator.diagnosis.library import with_running_force
+from friction_estimator.diagnosis.linear import LinearFit
 from friction_estimator.diagnosis.own_columns import OwnColumns, Term, largest_change, moves, weighted
-from friction_estimator.diagnosis.products import inner
 from friction_estimator.diagnosis.record import Record
-from friction_estimator.diagnosis.seek import at_end, beside, best_time, downhill, over_bends, over_jumps
-from friction_estimator.diagnosis.tangent import Tangent, chosen_rows, normal_equations
+from friction_estimator.diagnosis.seek import at_end, beside, downhill
+from friction_estimator.diagnosis.sought import Sought
+from friction_estimator.diagnosis.tangent import Tangent, normal_equations
 from friction_estimator.diagnosis.term_columns import TermColumns
 from friction_estimator.effects.compose import FINE
 from friction_estimator.effects.features import Context, Features
-from friction_estimator.effects.grids import longest_time_s
 from friction_estimator.effects.reference import Reference
 
 ROUNDS = 14
@@ -94,18 +93,17 @@ class JointFit:
     Parameters
     ----------
     problem : the base model on the record. context : facts about it. rows : (blocks,) bool, those that are
-        fitted (default all). base : the problem with its own columns changed (default: made here).
+        fitted (default all).
     """
 
-    def __init__(
-        self, problem: BaseProblem, context: Context, rows: Bools | None = None, base: OwnColumns | None = None
-    ) -> None:
+    def __init__(self, problem: BaseProblem, context: Context, rows: Bools | None = None) -> None:
         self._problem, self._context, self._rows = problem, context, rows
         self._record = problem.record
         self._used = self._record.used if rows is None else self._record.used & rows[self._record.block]
-        self._base = OwnColumns(problem, context) if base is None else base
-        self._scans: JointFit | None = None
+        self._base = OwnColumns(problem, context)
         self._columns = TermColumns(self._base)
+        self._linear = LinearFit(self._base, rows)
+        self._sought = Sought(self._base, self._columns, context, rows)
 
     def __call__(
         self, terms: Sequence[Term] = (), start: Coefficients | None = None, rounds: int = ROUNDS, search: bool = True
@@ -129,6 +127,18 @@ class JointFit:
         """Return a fit without one of its terms, the others refined from where they are."""
         terms = [term for k, term in enumerate(joint.terms) if k != i]
         return self(terms, joint.base.coefficients, search=False)
+
+    def elsewhere(self, terms: Sequence[Term], start: Coefficients) -> bool:
+        """Return whether a search for the last term's refined parameters ends elsewhere than where they are."""
+        term = terms[-1]
+        reference, features = self._reference(start, terms)
+        found = self._sought(terms, start, self._sought.tables(term, reference), features)
+        for name in term.effect.refined:
+            here, there = term.params[name], found[name]
+            low, high = term.effect.bracket(name, here, self._context)
+            if here != there and (name in term.effect.steps or abs(np.log(there / here)) > MOVED * np.log(high / low)):
+                return True
+        return False
 
     def _walked(self, found: Joint, terms: Sequence[Term], name: str, base: Coefficients, rounds: int) -> Joint:
         """Return the fit on the best plateau of a jumping parameter, from the one that a search has put it on.
@@ -156,11 +166,11 @@ class JointFit:
         """Fit terms from where they are, or from where a search has put the last one."""
         reference, features = self._reference(base, terms)
         if search:
-            reference = self._tables_to_search(terms[-1], reference)
+            reference = self._sought.tables(terms[-1], reference)
             terms[-1] = replace(terms[-1], params=self._sought(terms, base, reference, features))
         anchors = [{n: t.effect.bracket(n, t.params[n], self._context) for n in t.effect.refined} for t in terms]
         columns = self._columns(terms, reference, features)
-        base = self._fitted(terms, columns, base)
+        base = self._linear(terms, columns, base)
         terms = weighted(terms, columns, base.extra)
         best, since, in_vain = None, 0, 0
         for _ in range(rounds):
@@ -186,123 +196,6 @@ class JointFit:
         self._columns.settle(fit.fitted_N, terms, reference, features)
         return reference, features
 
-    def _fitted(self, terms: Sequence[Term], columns: Sequence[Floats], start: Coefficients) -> Coefficients:
-        """Fit base and coefficients for given columns."""
-        problem = self._base(terms)
-        products = problem.products
-        beside = [(c, t) for c, t in zip(columns, terms, strict=True) if not self._base.changed_by(t)]
-        fixed = [c[:, 0] for c, t in beside if t.effect.fixed_gain]
-        free = [c for c, t in beside if not t.effect.fixed_gain]
-        settled = np.sum(fixed, axis=0)[:, None] if fixed else None
-        extra = np.column_stack(free) if free else None
-        starts = [start, replace(start, taps=np.zeros(start.taps.size))] if problem is not self._problem else [start]
-        if settled is None or extra is None:
-            joined = None if extra is None else products.extra(extra)
-            still = None if settled is None else products.extra(settled)
-            return problem.fit(joined, still, self._rows, starts)
-        whole = products.extra(np.column_stack([extra, settled]))
-        c = extra.shape[1]
-        joined = Extra(whole.mx[:, :, :c], whole.xx[:, :c, :c], whole.xy[:, :c] - whole.xx[:, :c, c])
-        still = Extra(whole.mx[:, :, c:], whole.xx[:, c:, c:], whole.xy[:, c:])
-        return problem.fit(joined, still, self._rows, starts)
-
-    def elsewhere(self, terms: Sequence[Term], start: Coefficients) -> bool:
-        """Return whether a search for the last term's refined parameters ends elsewhere than where they are."""
-        term = terms[-1]
-        reference, features = self._reference(start, terms)
-        found = self._sought(terms, start, self._tables_to_search(term, reference), features)
-        for name in term.effect.refined:
-            here, there = term.params[name], found[name]
-            low, high = term.effect.bracket(name, here, self._context)
-            if here != there and (name in term.effect.steps or abs(np.log(there / here)) > MOVED * np.log(high / low)):
-                return True
-        return False
-
-    def _tables_to_search(self, last: Term, reference: Reference) -> Reference:
-        """Return the tables with which the last term's parameters are sought.
-
-        The base has bent towards what bristles lack, most at low speed: the level that they carry is another one.
-        """
-        carries = last.effect.carries(last.params)
-        return (self._base.untouched or reference) if carries else reference
-
-    def _sought(
-        self, terms: Sequence[Term], base: Coefficients, reference: Reference, features: Features
-    ) -> dict[str, float]:
-        """Return the last term's parameters with the refined ones where a search over their brackets ends."""
-        if not terms[-1].effect.refined:
-            return dict(terms[-1].params)
-        looked = self._scanned if self._base.changed_by(terms[-1]) else self._searched
-        return looked(terms, base, reference, features)
-
-    def _scanner(self) -> "JointFit":
-        """Return a fit of every other block: enough to look for a time, which the steps that follow settle."""
-        if self._scans is None:
-            blocks = self._problem.products.edges.size - 1
-            rows = np.ones(blocks, np.bool_) if self._rows is None else self._rows.copy()
-            rows[1 - int(rows[0]) :: 2] = False
-            self._scans = JointFit(self._problem, self._context, rows, self._base.on(rows))
-        return self._scans
-
-    def _scanned(
-        self, terms: Sequence[Term], base: Coefficients, reference: Reference, features: Features
-    ) -> dict[str, float]:
-        """Return the parameters of what changes the base's own columns at which everything else fits best."""
-        effect, params = terms[-1].effect, dict(terms[-1].params)
-        name = effect.refined[0]
-        scan = self._scanner()
-
-        def fitted(value: float) -> Coefficients:
-            trial = [*terms[:-1], replace(terms[-1], params=params | {name: value})]
-            return scan._fitted(trial, self._columns(trial, reference, features), base)
-
-        if effect.delays:
-            ahead, longest = effect.late_s({name: 1.0}) < 0.0, longest_time_s(self._context)
-            memory, step = self._problem.mean_delay, self._context.step_s
-            return params | {name: best_time(fitted, base, memory, step, ahead, longest, params[name])}
-        low, high = effect.bracket(name, params[name], self._context)
-        return params | {name: over_bends(lambda v: fitted(v).cost, low, high)}
-
-    def _searched(
-        self, terms: Sequence[Term], base: Coefficients, reference: Reference, features: Features
-    ) -> dict[str, float]:
-        """Return the last term's parameters with the refined ones at their best over their brackets, one by one.
-
-        Base and other effects are projected out in their tangent.
-        """
-        used = self._used
-        fit = BaseFit.of(self._base(terms), base)
-        others = self._columns(terms[:-1], reference, features)
-        alone = [t for t in terms[:-1] if not self._base.changed_by(t)]
-        fixed = [c[:, 0] for c, t in zip(others, terms, strict=False) if t in alone and t.effect.fixed_gain]
-        free = [c for c, t in zip(others, terms, strict=False) if t in alone and not t.effect.fixed_gain]
-        e = (self._record.friction_N - fit.fitted_N - (np.sum(fixed, axis=0) if fixed else 0.0))[used]
-        z = chosen_rows(fit.tangent, free, used)
-        z /= np.maximum(np.sqrt(np.einsum("nq,nq->q", z, z) / len(z)), 1e-300)
-        penalty = np.concatenate([fit.penalty, np.zeros(z.shape[1] - fit.penalty.size)]) + 1e-9 * len(z)
-        inverse = np.linalg.inv(inner(z, z) + np.diag(penalty))
-        ze = inner(z, e)
-        effect, params = terms[-1].effect, dict(terms[-1].params)
-
-        def loss(name: str, value: float) -> float:
-            trial = [*terms[:-1], replace(terms[-1], params=params | {name: value})]
-            x = self._columns.one(trial, len(trial) - 1, reference, features)[used]
-            zx, xx = inner(z, x), inner(x, x)
-            left = xx - zx.T @ inverse @ zx
-            pull = inner(x, e) - zx.T @ inverse @ ze
-            if effect.fixed_gain:
-                return float(left[0, 0] - 2.0 * pull[0])
-            left = left + np.diag(1e-9 * np.maximum(np.diag(xx), 1e-300))
-            return -float(pull @ np.linalg.solve(left, pull))
-
-        for name in effect.refined:
-            if name in effect.shares:
-                continue
-            low, high = effect.bracket(name, params[name], self._context)
-            seek = over_jumps if name in effect.steps else over_bends
-            params[name] = seek(lambda v, n=name: loss(n, v), low, high)  # type: ignore[misc]
-        return params
-
     def _stepped(
         self,
         terms: list[Term],
@@ -317,7 +210,7 @@ class JointFit:
         Parameters in which the columns jump stay where the search has put them, all of them if they are to `stay`.
         """
         columns = self._columns(terms, reference, features)
-        here = self._fitted(terms, columns, base)
+        here = self._linear(terms, columns, base)
         terms = weighted(terms, columns, here.extra)
         places = [(i, n) for i, t in enumerate(terms) for n in t.effect.refined if not stay and n not in t.effect.steps]
         if not places:
@@ -344,7 +237,7 @@ class JointFit:
                 value = float(np.clip(trial[i].params[name] + share * step, *anchors[i][name]))
                 trial[i] = replace(trial[i], params=trial[i].params | {name: value})
             other = self._columns(trial, reference, features)
-            there = self._fitted(trial, other, here)
+            there = self._linear(trial, other, here)
             if there.cost < here.cost:
                 return weighted(trial, other, there.extra), other, there
         return terms, columns, here

@@ -9,6 +9,7 @@ from friction_estimator.diagnosis.intervals import Estimate
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.remainder import Remainder
+from friction_estimator.effects.base import EFFECTS
 from friction_estimator.effects.detection import Fault
 from friction_estimator.effects.features import Context
 
@@ -36,6 +37,13 @@ class Found:
     experiment: str | None
     evidence: str
     term: int
+
+    @property
+    def sized(self) -> bool:
+        """Whether a size of it is apart from 0 with its interval; where it has none, a time or a length."""
+        refined = EFFECTS[self.name].refined
+        sizes = [e for name, e in self.parameters.items() if name not in refined] or list(self.parameters.values())
+        return any(e.low > 0.0 or e.high < 0.0 for e in sizes)
 
 
 @dataclass(frozen=True)

@@ -114,6 +114,9 @@ def judged_by(
     ]
 
 
+UNSIZED = "Its interval reaches 0: it is there, but how large it is these data do not tell."
+
+
 def sentence(found: Found, quantities: Quantities) -> str:
     """Return what was found, in one or two sentences."""
     words = EFFECTS[found.name].words
@@ -123,6 +126,8 @@ def sentence(found: Found, quantities: Quantities) -> str:
     text = f"{words.what[0].upper()}{words.what[1:]}: {values}. Seen in this: {found.evidence}."
     if found.gain is not None:
         text += f" {_gained(found.gain)}"
+    if not found.sized:
+        text += f" {UNSIZED}"
     if found.rivals:
         text += f" These data cannot tell it from {', '.join(found.rivals)}."
     if found.experiment:

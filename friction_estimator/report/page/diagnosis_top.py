@@ -77,6 +77,8 @@ def light(result: Diagnosis) -> Light:
         return Light(CAUTION, reason, "Found in part")
     if any(found.rivals for found in result.effects):
         return Light(CAUTION, "A cause is there, but these data cannot tell it from another one.", "Found, not unique")
+    if not all(found.sized for found in result.effects):
+        return Light(CAUTION, "A cause is there, but these data do not tell how large it is.", "Found, size open")
     return Light(NEUTRAL, f"What is left above the noise is {result.unexplained_percent:.0f} % of the error.", "Found")
 
 
