@@ -102,7 +102,7 @@ def best_fit(effect: Effect, made: Made, index: int, plant: str) -> dict[str, Ra
     for params in _starts(cls, effect, context):
         plateaus: dict[str, Range] = {}
         unknown: set[str] = set()
-        for name in cls.refined:
+        for name in [n for n in cls.refined if n in params]:
             if name in getattr(cls, "shares", ()):  # nothing hidden departs from the theory
                 continue
             low, high = cls.bracket(name, params[name], context)

@@ -68,7 +68,7 @@ class Candidate:
     @property
     def freedom(self) -> int:
         """Parameters of the effect."""
-        return (0 if self.effect.fixed_gain else self.term.weights.size) + len(self.effect.refined)
+        return (0 if self.effect.fixed_gain else self.term.weights.size) + len(self.term.refined)
 
     @property
     def by_evidence(self) -> bool:
@@ -96,6 +96,11 @@ def signs_kept(joint: Joint) -> bool:
         if len(term.effect.signs) == term.weights.size
         for sign, weight in zip(term.effect.signs, term.weights, strict=True)
     )
+
+
+def beyond_chance(one: Candidate, other: Candidate) -> float:
+    """Return the surplus of gain that the other one's further parameters, one at least, must bring, N^2."""
+    return PLAIN * max(other.freedom - one.freedom, 1) * one.samples_N2
 
 
 def plainest(best: Candidate, others: Sequence[Candidate]) -> Candidate:

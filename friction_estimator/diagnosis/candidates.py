@@ -8,8 +8,17 @@ from scipy.special import stdtrit
 
 from friction_estimator.diagnosis.any_pressure import AnyPressure
 from friction_estimator.diagnosis.base_problem import BaseProblem
-from friction_estimator.diagnosis.candidate import PLAIN, Candidate, Model, as_sharp, gain_parts, signs_kept
+from friction_estimator.diagnosis.candidate import (
+    PLAIN,
+    Candidate,
+    Model,
+    as_sharp,
+    beyond_chance,
+    gain_parts,
+    signs_kept,
+)
 from friction_estimator.diagnosis.capacity import UnlikeMemories
+from friction_estimator.diagnosis.causes import LATER_SHARE
 from friction_estimator.diagnosis.forms import OtherForms, power_N2
 from friction_estimator.diagnosis.intervals import Estimate, estimates
 from friction_estimator.diagnosis.joint import Joint, JointFit, cross_validated_loss
@@ -79,26 +88,40 @@ class Candidates:
         """Return the candidate in that functional form of its cause which the data ask for."""
         key = id(model), best.name
         if key not in self._shaped:
-            for form in best.effect.variants(best.term.params):
-                # Each time of a film, or of the whole force, forms the base's products anew, and its other form is late
-                # by the same time: that of the whole, the base's memory with it.
-                moved = self.moved_over(best.model.joint) if best.effect.delays else {}
-                if any(value <= 0.0 for value in moved.values()):
-                    continue  # the memory takes back more than the time: it is not late at all
-                params = form | moved
-                other = self(model, best.name, params, search=not (best.effect.in_theory or best.effect.delays))
-                if other is None:
-                    continue
-                more = max(other.freedom - best.freedom, 1)
-                better = other.gain - best.gain > PLAIN * more * best.samples_N2
-                if better and other.belied:
-                    best = replace(best, belied=True)
-                    continue
-                # A form of which nothing can be told is refused: the cause with it, although a plainer one tells it.
-                if better and (self.known_sign(other) or not self.known_sign(best)):
-                    best = other
-            self._shaped[key] = best
+            best = self._in_variant(model, best)
+            self._shaped[key] = self._with_further(model, best)
         return self._shaped[key]
+
+    def _in_variant(self, model: Model, best: Candidate) -> Candidate:
+        for form in best.effect.variants(best.term.params):
+            # Each time of a film, or of the whole force, forms the base's products anew, and its other form is late
+            # by the same time: that of the whole, the base's memory with it.
+            moved = self.moved_over(best.model.joint) if best.effect.delays else {}
+            if any(value <= 0.0 for value in moved.values()):
+                continue  # the memory takes back more than the time: it is not late at all
+            params = form | moved
+            other = self(model, best.name, params, search=not (best.effect.in_theory or best.effect.delays))
+            if other is None:
+                continue
+            better = other.gain - best.gain > beyond_chance(best, other)
+            if better and other.belied:
+                best = replace(best, belied=True)
+                continue
+            # A form of which nothing can be told is refused: the cause with it, although a plainer one tells it.
+            if better and (self.known_sign(other) or not self.known_sign(best)):
+                best = other
+        return best
+
+    def _with_further(self, model: Model, best: Candidate) -> Candidate:
+        """Return the candidate with more of the same in it, where that brings what a further cause must."""
+        joint = best.model.joint
+        left = joint.residual_N * self.problem.record.used
+        for form in best.effect.further(best.term.params, left, joint.features, self.context):
+            other = self(model, best.name, form)
+            least = LATER_SHARE * float(best.model.loss.sum())
+            if other is not None and other.gain - best.gain > max(least, beyond_chance(best, other)):
+                best = other
+        return best
 
     def in_best_forms(self, model: Model, fits: Mapping[str, Candidate], close: float) -> dict[str, Candidate]:
         """Return candidates by name without those that only look like a cause, those near the best in their best forms.
@@ -339,11 +362,11 @@ class Candidates:
             self.keep(model)
             self._estimates[id(model)] = estimates(model.joint, self.problem.record, self.context, self.seed)
         term, fitted = model.joint.terms[i], self._estimates[id(model)][i]
-        one_sign = {name for name in fitted if name in term.effect.refined and name not in term.effect.steps}
+        one_sign = {name for name in fitted if name in term.refined and name not in term.effect.steps}
         one_sign |= set(term.effect.positive) & set(fitted)
         if len(term.effect.signs) == term.weights.size and all(term.effect.signs):
             one_sign |= set(fitted)
         known = {name for name, value in fitted.items() if value.low > 0.0 or value.high < 0.0}
-        sizes = set(fitted) - set(term.effect.refined)
+        sizes = set(fitted) - set(term.refined)
         told_by_sizes = bool(sizes) and term.weights.size <= len(sizes)  # a free shape may cancel in each of them
         return one_sign <= known and (not told_by_sizes or bool(sizes & known))

@@ -85,7 +85,7 @@ def _others(model: Joint, term: Term, force_N: Floats) -> Floats:
     nothing = np.zeros((force_N.size, 0))
     if term.effect.delays or term.effect.in_theory:
         return nothing
-    moved = [n for n in term.effect.refined if n not in (*term.effect.shares, *term.effect.steps) and term.params[n]]
+    moved = [n for n in term.refined if n not in (*term.effect.shares, *term.effect.steps) and term.params[n]]
     shapes = [term.params | {n: s * term.params[n]} for n in moved for s in SCALES]
     shapes += [dict(v) for v in term.effect.variants(term.params) if term.effect.columns(v).size <= FEW]
     made = [columns_of(term.effect, shape, model.features, model.reference) for shape in shapes]

@@ -121,7 +121,7 @@ def estimates(
     out = []
     for number, term in enumerate(joint.terms):
         free = 0 if term.effect.fixed_gain else term.weights.size
-        names = [n for n in term.effect.refined if term.params[n] != 0.0]
+        names = [n for n in term.refined if term.params[n] != 0.0]
         theta = np.concatenate([term.weights[:free], [term.params[n] for n in names]])
         part = squares[place : place + theta.size, place : place + theta.size].copy()
         if left_N2 is not None:
@@ -158,7 +158,7 @@ def estimates(
                 memory = MEMORY_SHARE * context.step_s if term.effect.delays else 0.0
                 reach = float(np.hypot(np.hypot(reach, form), memory))
                 low = float(value - reach)
-                if name in term.effect.refined and value > 0.0:
+                if name in term.refined and value > 0.0:
                     low = max(low, 0.0)  # a length or a time is not negative
             found[name] = Estimate(float(value), unit, low, float(value + reach))
         out.append(found)

@@ -133,7 +133,7 @@ class JointFit:
         term = terms[-1]
         reference, features = self._reference(start, terms)
         found = self._sought(terms, start, self._sought.tables(term, reference), features)
-        for name in term.effect.refined:
+        for name in term.refined:
             here, there = term.params[name], found[name]
             low, high = term.effect.bracket(name, here, self._context)
             if here != there and (name in term.effect.steps or abs(np.log(there / here)) > MOVED * np.log(high / low)):
@@ -168,7 +168,7 @@ class JointFit:
         if search:
             reference = self._sought.tables(terms[-1], reference)
             terms[-1] = replace(terms[-1], params=self._sought(terms, base, reference, features))
-        anchors = [{n: t.effect.bracket(n, t.params[n], self._context) for n in t.effect.refined} for t in terms]
+        anchors = [{n: t.effect.bracket(n, t.params[n], self._context) for n in t.refined} for t in terms]
         columns = self._columns(terms, reference, features)
         base = self._linear(terms, columns, base)
         terms = weighted(terms, columns, base.extra)
@@ -212,7 +212,7 @@ class JointFit:
         columns = self._columns(terms, reference, features)
         here = self._linear(terms, columns, base)
         terms = weighted(terms, columns, here.extra)
-        places = [(i, n) for i, t in enumerate(terms) for n in t.effect.refined if not stay and n not in t.effect.steps]
+        places = [(i, n) for i, t in enumerate(terms) for n in t.refined if not stay and n not in t.effect.steps]
         if not places:
             return terms, columns, here
         fit = BaseFit.of(self._base(terms), here)
@@ -298,7 +298,7 @@ class JointFit:
         usual = LEAST_SLOPE * self._problem.scale
         for i, (term, column) in enumerate(zip(terms, columns, strict=True)):
             slopes = [] if term.effect.fixed_gain else [column]
-            refined = [name for name in term.effect.refined if term.params[name] != 0.0]
+            refined = [name for name in term.refined if term.params[name] != 0.0]
             slopes += [self._slope(terms, i, n, columns, fit, features, reference)[:, None] for n in refined]
             if not slopes:
                 continue

@@ -46,6 +46,11 @@ class Term:
         """Id of the effect."""
         return self.effect.name
 
+    @property
+    def refined(self) -> tuple[str, ...]:
+        """Parameters that are refined continuously, of those that this form has."""
+        return tuple(name for name in self.effect.refined if name in self.params)
+
     def columns(self, features: Features, reference: Reference) -> Floats:
         """Return its columns beside nothing else, (n, c)."""
         return columns_of(self.effect, self.params, features, reference)

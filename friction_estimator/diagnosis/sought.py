@@ -44,7 +44,7 @@ class Sought:
         self, terms: Sequence[Term], base: Coefficients, reference: Reference, features: Features
     ) -> dict[str, float]:
         """Return the last term's parameters with the refined ones where a search over their brackets ends."""
-        if not terms[-1].effect.refined:
+        if not terms[-1].refined:
             return dict(terms[-1].params)
         looked = self._scanned if self._base.changed_by(terms[-1]) else self._searched
         return looked(terms, base, reference, features)
@@ -108,7 +108,7 @@ class Sought:
             left = left + np.diag(1e-9 * np.maximum(np.diag(xx), 1e-300))
             return -float(pull @ np.linalg.solve(left, pull))
 
-        for name in effect.refined:
+        for name in terms[-1].refined:
             if name in effect.shares:
                 continue
             low, high = effect.bracket(name, params[name], self._context)

@@ -108,7 +108,7 @@ class Effect:
     fixed_gain : True where the columns are the whole change (coefficient one), as for a delay.
     systematic : fitted quantity -> relative shift that another functional form of the same cause can make; part of its
         interval, since data alone rarely tell the form (measured with the `form` keys, see benchmarks/diagnosis).
-    refined : grid parameters that the diagnosis refines continuously after naming.
+    refined : grid parameters that the diagnosis refines continuously after naming; a form may lack some of them.
     steps : those of them in which the columns jump rather than bend; sought by zooming.
     shares : those of them that are a share between 0 and 1: they move by the steps of a joint fit only.
     acts : "everywhere"; "reversal" where the columns act shortly after reversals only; "slow" where they are a function
@@ -282,6 +282,17 @@ class Effect:
     def follows_film(cls) -> bool:
         """Return whether its columns are friction at a speed, which a film that lags makes that of an earlier speed."""
         return cls.stage in STAGES[: STAGES.index("mechanics")] and cls.acts != REVERSAL
+
+    @classmethod
+    def further(
+        cls,
+        params: Params,  # noqa: ARG003
+        residual_N: Floats,  # noqa: ARG003
+        features: Features,  # noqa: ARG003
+        context: Context,  # noqa: ARG003
+    ) -> list[dict[str, float]]:
+        """Return forms with more of the same in them, such as a second wave, that what is left, (n,), suggests."""
+        return []
 
     # Fault of the data
 

@@ -13,6 +13,9 @@ from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.spectrum import SLOWEST, ripple_wavelengths, spectral_lines
 from friction_estimator.effects.trace import Trace
 
+LEAST_APART = 1.0
+"""Waves on the stroke by which a second ripple must differ from the first one: beside it there are its flanks."""
+
 
 @effect
 class PositionDependence(Effect):
@@ -66,35 +69,43 @@ class PositionDependence(Effect):
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
-        """Return cos and sin of 2 pi x / L in each direction, for each recording, times |F| where it `modulates`."""
+        """Return cos and sin of 2 pi x / L in each direction, for each recording, times |F| where it `modulates`.
+
+        Those of a second wavelength stand beside them.
+        """
 
         modulates = params.get("modulates", 0.0) >= 0.5
+        lengths = [params["wavelength"], *(params[name] for name in cls.refined[1:] if name in params)]
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
-            out = np.empty((f.size, 4))
-            waves(f.position_m, f.direction, params["wavelength"], out)
+            out = np.empty((len(lengths), f.size, 4))
+            for wave, length in zip(out, lengths, strict=True):
+                waves(f.position_m, f.direction, length, wave)
+            made = out[0] if len(lengths) == 1 else np.concatenate(list(out), axis=1)
             if modulates:
-                out *= np.abs(f.force_N)[:, None]
-            return own_phases(out, f, params)
+                made *= np.abs(f.force_N)[:, None]
+            return own_phases(made, f, params)
 
-        return Columns(compute, 4 * round(params.get(RECORDINGS, 1.0)), of_force=modulates)
+        return Columns(compute, 4 * len(lengths) * round(params.get(RECORDINGS, 1.0)), of_force=modulates)
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:
-        """Amplitude in each direction (at the rms of friction, where it modulates) and wavelength."""
+        """Amplitude in each direction (at the rms of friction, where it modulates) and wavelength, of each ripple."""
         unit = context.force_rms_N if params.get("modulates", 0.0) >= 0.5 else 1.0
-        forward, backward = amplitudes(weights, params).tolist()
-        return {
-            "amplitude_forward": (forward * unit, "N"),
-            "amplitude_backward": (backward * unit, "N"),
-            "wavelength": (params["wavelength"], "m"),
-        }
+        ways = amplitudes(weights, params).reshape(-1, 2) * unit
+        out = {}
+        for which, (forward, backward) in zip(("", "second_"), ways.tolist(), strict=False):
+            out[f"{which}amplitude_forward"] = (forward, "N")
+            out[f"{which}amplitude_backward"] = (backward, "N")
+            out[f"{which}wavelength"] = (params[f"{which}wavelength"], "m")
+        return out
 
     @classmethod
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
         """A wave that the stroke does not hold twice is a spring or a bend of the curve."""
-        if params["wavelength"] > 0.5 * context.stroke_m * (1.0 + 1e-9):
-            return f"its wavelength of {quantity(params['wavelength'], POSITION, '.3g')} is longer than half the stroke"
+        longest = max(params[name] for name in cls.refined if name in params)
+        if longest > 0.5 * context.stroke_m * (1.0 + 1e-9):
+            return f"its wavelength of {quantity(longest, POSITION, '.3g')} is longer than half the stroke"
         return None
 
     @classmethod
@@ -109,8 +120,20 @@ class PositionDependence(Effect):
         """A ripple that modulates the friction instead of adding to it."""
         return [dict(params) | {"modulates": 1.0}]
 
+    @classmethod
+    def further(
+        cls, params: Params, residual_N: Floats, features: Features, context: Context
+    ) -> list[dict[str, float]]:
+        """A second ripple, of six waves on the stroke or more: gears and screws have several, not only harmonics."""
+        if "second_wavelength" in params:
+            return []
+        found = ripple_wavelengths(residual_N, features.position_m, features.direction, features.recording)
+        first = context.stroke_m / params["wavelength"]
+        apart = [w for w in found if abs(context.stroke_m / w - first) > LEAST_APART]
+        return [dict(params) | {"second_wavelength": w} for w in apart[:1]]
+
     signs = (0, 0, 0, 0)
-    refined = ("wavelength",)
+    refined = ("wavelength", "second_wavelength")
 
 
 @effect

@@ -1,0 +1,72 @@
+"""Several ripples over the position, as gears and screws have them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosis_records import names, record
+
+from friction_estimator.core.quantities import Quantities
+from friction_estimator.core.sample import Samples
+from friction_estimator.core.settings.config import Config
+from friction_estimator.diagnosis.diagnose import Diagnosis, diagnose
+from friction_estimator.diagnosis.extend import extended_config
+from friction_estimator.diagnosis.summary import sentences
+
+FIRST = "position_dependence:amplitude=0.4,wavelength=0.004"
+
+
+def with_ripple(samples: Samples, forward_N: float, backward_N: float, wavelength_m: float) -> Samples:
+    """Return samples with another ripple, of its own amplitude in each direction."""
+    assert samples.position_m is not None
+    wave = np.cos(2.0 * np.pi * samples.position_m / wavelength_m + 1.0)
+    amplitude = np.where(samples.velocity_m_s > 0.0, forward_N, backward_N)
+    return replace(samples, friction_N=samples.friction_N + amplitude * wave)
+
+
+@pytest.fixture(scope="module", params=["clean", "rig"])
+def two(request: pytest.FixtureRequest) -> Diagnosis:
+    """A second ripple of half the first one's size, no harmonic of it."""
+    return diagnose([with_ripple(record([FIRST], plant=request.param), 0.2, 0.1, 0.0057)], Config())
+
+
+def test_a_second_ripple_is_told_with_the_first(two: Diagnosis) -> None:
+    found = next(e for e in two.effects if e.name == "position_dependence")
+    told = {name: (e.low, e.value, e.high) for name, e in found.parameters.items()}
+    for name, true in (("wavelength", 0.004), ("second_wavelength", 0.0057)):
+        assert told[name][0] < true < told[name][2]
+        assert told[name][1] == pytest.approx(true, rel=2e-3)
+    for name, true in (
+        ("amplitude_forward", 0.4),
+        ("second_amplitude_forward", 0.2),
+        ("second_amplitude_backward", 0.1),
+    ):
+        assert told[name][1] == pytest.approx(true, abs=0.02)
+    assert "second wavelength 0.00570" in " ".join(sentences(two, Quantities()))
+    assert {"periodic_disturbance", "side_spring", "presliding"}.isdisjoint(names(two))
+
+
+def test_the_extended_model_has_both(two: Diagnosis) -> None:
+    terms = [t for t in extended_config(two).extension.terms if t.startswith("position_dependence")]
+    assert len(terms) == 8
+    assert all("second_wavelength=" in t for t in terms)
+
+
+def test_one_ripple_has_no_second() -> None:
+    for plant, beside in (
+        ("clean", []),
+        ("rig", []),
+        ("clean", ["presliding:size=0.04"]),
+        ("clean", ["inertia:mass=2"]),
+    ):
+        found = diagnose([record([FIRST, *beside], plant=plant)], Config())
+        ripple = next(e for e in found.effects if e.name == "position_dependence")
+        assert set(ripple.parameters) == {"amplitude_forward", "amplitude_backward", "wavelength"}
+
+
+def test_a_third_ripple_is_told_as_what_is_left() -> None:
+    samples = with_ripple(with_ripple(record([FIRST]), 0.2, 0.2, 0.0057), 0.15, 0.15, 0.0029)
+    found = diagnose([samples], Config())
+    assert found.remainder is not None
+    assert found.remainder.variable == "position_m"
+    assert "another ripple over the position is left, of 0.00291 m" in " ".join(sentences(found, Quantities()))
