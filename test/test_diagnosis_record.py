@@ -10,7 +10,7 @@ from friction_estimator.core.intake.encoder import wraps_undone
 from friction_estimator.core.sample import NS_PER_S, Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.excitation import assess
-from friction_estimator.diagnosis.floor import pairs
+from friction_estimator.diagnosis.floor import noise_floor, pairs
 from friction_estimator.diagnosis.record import blocks, build_record
 from friction_estimator.effects.features import FeatureMaker
 
@@ -204,3 +204,19 @@ def test_repaired_channels_keep_masks():
     np.testing.assert_array_equal(again.used, used)
     np.testing.assert_array_equal(again.friction_N, record.friction_N + 1.0)
     assert again.reversal_speed_m_s == pytest.approx(2.0 * record.reversal_speed_m_s)
+
+
+def test_cycles_that_take_as_long_and_are_others_are_no_pairs():
+    """Strokes of a robot's trajectory: equal in time, each at another place with another speed."""
+    t = np.arange(120 * RATE_HZ) / RATE_HZ
+    cycle = np.floor(t / 4.0).astype(int) % 3
+    v = np.array([1.0, 0.3, 0.6])[cycle] * np.sin(2 * np.pi * t / 4.0)
+    x = np.cumsum(v) / RATE_HZ
+    ripple = 0.2 * np.cos(2 * np.pi * x / 0.05)
+    stamps = 1 + np.round(t * NS_PER_S).astype(np.int64)
+    data = build_record([Samples(stamps, v, np.sign(v) + ripple, t == 0.0, position_m=x)], Config())
+    first, second = pairs(data)
+    assert first.size > 0.4 * t.size
+    again = np.abs(data.features.position_m[first] - data.features.position_m[second])
+    assert float(np.median(again)) < 0.01
+    assert noise_floor(data, ripple) < 1e-3  # it was 0.139 where neighbouring cycles were paired: all of the ripple

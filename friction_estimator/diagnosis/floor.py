@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from friction_estimator.core.sample import Bools, Floats, Ints
 from friction_estimator.diagnosis.record import Record
+from friction_estimator.effects.compose import rms
 
 SAME_PERIOD = 0.01
 SAME_PRESSURE = 0.03
@@ -19,6 +20,10 @@ LEAST_PAIRED = 0.4
 
 SAME_SPEED = 0.05
 """Share of the rms speed by which the speeds of two samples one period apart may differ."""
+
+SAME_MOTION, SAME_PLACE = 0.3, 0.1
+"""Share of a cycle's rms speed, and of the stroke, by which the next cycle's speed (rms) and place (median) may differ:
+a noisy velocity and a drift of its integral are within that."""
 
 FAR_APART = 1e3
 """Distance of two recordings, in standard deviations of what else tells neighbours."""
@@ -45,11 +50,16 @@ def pairs(record: Record) -> tuple[Ints, Ints]:
 
 
 def _cycle_pairs(record: Record) -> tuple[Ints, Ints]:
+    """Return each sample with that of its phase in the next cycle of two strokes, where that is the same motion.
+
+    Of a trajectory with many strokes two neighbouring cycles may happen to take as long and be others altogether.
+    """
     turns = record.turns
     time, pressure = record.features.time_s, record.features.pressure_Pa
     a: list[Ints] = []
     b: list[Ints] = []
-    v = record.features.velocity_m_s
+    v, x = record.features.velocity_m_s, record.features.position_m
+    stroke = float(np.ptp(x))
 
     def crossing(k: int) -> float:
         if k == 0 or v[k] == v[k - 1]:
@@ -70,8 +80,12 @@ def _cycle_pairs(record: Record) -> tuple[Ints, Ints]:
         late = np.abs(np.take(time, after, mode="clip") - wanted)
         there = after - (early < late).astype(np.int64)
         keep = there < time.size
-        a.append(here[keep])
-        b.append(there[keep])
+        here, there = here[keep], there[keep]
+        moved = float(np.median(np.abs(x[there] - x[here]))) if here.size else 0.0
+        if rms(v[there] - v[here]) > SAME_MOTION * rms(v[here]) or moved > SAME_PLACE * stroke:
+            continue
+        a.append(here)
+        b.append(there)
     if not a:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     return np.concatenate(a), np.concatenate(b)
