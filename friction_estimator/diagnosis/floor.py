@@ -81,8 +81,9 @@ def _cycle_pairs(record: Record) -> tuple[Ints, Ints]:
         there = after - (early < late).astype(np.int64)
         keep = there < time.size
         here, there = here[keep], there[keep]
-        moved = float(np.median(np.abs(x[there] - x[here]))) if here.size else 0.0
-        if rms(v[there] - v[here]) > SAME_MOTION * rms(v[here]) or moved > SAME_PLACE * stroke:
+        if not here.size or rms(v[there] - v[here]) > SAME_MOTION * rms(v[here]):
+            continue
+        if float(np.median(np.abs(x[there] - x[here]))) > SAME_PLACE * stroke:
             continue
         a.append(here)
         b.append(there)
