@@ -168,14 +168,14 @@ def _ripple(record: Record, joint: Joint) -> tuple[float, float] | None:
     if not found:
         return None
     angle = 2.0 * np.pi * f.position_m[used] / found[0]
-    gain = 0.0
+    waves: list[float] = []
     for n in np.unique(number):
         for side in (-1.0, 1.0):
             mine = (number == n) & (way == side)
             wave = np.column_stack([np.cos(angle[mine]), np.sin(angle[mine]), np.ones(int(mine.sum()))])
             weights = np.linalg.lstsq(wave, left[mine], rcond=None)[0]
-            gain += float(np.square(wave[:, :2] @ weights[:2]).sum())
-    return found[0], gain
+            waves.append(float(np.square(wave[:, :2] @ weights[:2]).sum()))
+    return found[0], sum(waves)
 
 
 def _line(record: Record, joint: Joint) -> tuple[float, float] | None:
