@@ -22,19 +22,6 @@ KEPT_OUTSIDE = {"shared_data": SHARED, "shared_hostile": HOSTILE}
 """Fixture -> folder beside the project."""
 
 
-SHARED_WORK = {
-    "test_bag_samples",
-    "test_cli_outputs",
-    "test_diagnosis_extended",
-    "test_diagnosis_ripples",
-    "test_export",
-    "test_fleet",
-    "test_reproduce",
-    "test_rotary",
-}
-"""Modules whose tests share what takes long to make (a fixture of the module)."""
-
-
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """Real measurements that do not belong to the project; absent on a user's machine.
@@ -52,11 +39,10 @@ def shared_hostile() -> Path:
 
 @pytest.hookimpl(tryfirst=True)  # before -m selects
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what needs the measured data, and skip it where there are none; say what one worker must have alone.
+    """Mark what needs the measured data, and skip it where there are none; let one worker have all of ROS.
 
     Two ROS tests at once would not meet, since each has a domain of its own (`ros_graph.reserved_domain`), but their
-    processes would be five or six on two cores. And what the tests of a module share, up to a minute's work, would be
-    made twice by two workers.
+    processes would be five or six on two cores.
     """
     for item in items:
         for fixture, folder in KEPT_OUTSIDE.items():
@@ -67,5 +53,3 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
                 item.add_marker(pytest.mark.skip(reason=f"kept outside the project, and not here: {folder}"))
         if item.get_closest_marker("ros"):
             item.add_marker(pytest.mark.xdist_group("ros"))
-        elif item.path.stem in SHARED_WORK:
-            item.add_marker(pytest.mark.xdist_group(item.path.stem))

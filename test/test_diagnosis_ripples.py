@@ -9,7 +9,7 @@ from diagnosis_records import names, record
 from friction_estimator.core.quantities import Quantities
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
-from friction_estimator.diagnosis.diagnose import Diagnosis, diagnose
+from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.diagnosis.extend import extended_config
 from friction_estimator.diagnosis.summary import sentences
 
@@ -24,13 +24,10 @@ def with_ripple(samples: Samples, forward_N: float, backward_N: float, wavelengt
     return replace(samples, friction_N=samples.friction_N + amplitude * wave)
 
 
-@pytest.fixture(scope="module", params=["clean", "rig"])
-def two(request: pytest.FixtureRequest) -> Diagnosis:
-    """A second ripple of half the first one's size, no harmonic of it."""
-    return diagnose([with_ripple(record([FIRST], plant=request.param), 0.2, 0.1, 0.0057)], Config())
-
-
-def test_a_second_ripple_is_told_with_the_first(two: Diagnosis) -> None:
+@pytest.mark.parametrize("plant", ["clean", "rig"])
+def test_a_second_ripple_is_found_with_the_first(plant: str) -> None:
+    """Of half the first one's size, and no harmonic of it; the extended model has both."""
+    two = diagnose([with_ripple(record([FIRST], plant=plant), 0.2, 0.1, 0.0057)], Config())
     found = next(e for e in two.effects if e.name == "position_dependence")
     told = {name: (e.low, e.value, e.high) for name, e in found.parameters.items()}
     for name, true in (("wavelength", 0.004), ("second_wavelength", 0.0057)):
@@ -42,26 +39,18 @@ def test_a_second_ripple_is_told_with_the_first(two: Diagnosis) -> None:
         ("second_amplitude_backward", 0.1),
     ):
         assert told[name][1] == pytest.approx(true, abs=0.02)
-    assert "second wavelength 0.00570" in " ".join(sentences(two, Quantities()))
+    assert "second wavelength 0.0057" in " ".join(sentences(two, Quantities()))
     assert {"periodic_disturbance", "side_spring", "presliding"}.isdisjoint(names(two))
-
-
-def test_the_extended_model_has_both(two: Diagnosis) -> None:
     terms = [t for t in extended_config(two).extension.terms if t.startswith("position_dependence")]
     assert len(terms) == 8
     assert all("second_wavelength=" in t for t in terms)
 
 
-def test_one_ripple_has_no_second() -> None:
-    for plant, beside in (
-        ("clean", []),
-        ("rig", []),
-        ("clean", ["presliding:size=0.04"]),
-        ("clean", ["inertia:mass=2"]),
-    ):
-        found = diagnose([record([FIRST, *beside], plant=plant)], Config())
-        ripple = next(e for e in found.effects if e.name == "position_dependence")
-        assert set(ripple.parameters) == {"amplitude_forward", "amplitude_backward", "wavelength"}
+@pytest.mark.parametrize(("plant", "beside"), [("rig", []), ("clean", ["presliding:size=0.04"])])
+def test_one_ripple_has_no_second(plant: str, beside: list[str]) -> None:
+    found = diagnose([record([FIRST, *beside], plant=plant)], Config())
+    ripple = next(e for e in found.effects if e.name == "position_dependence")
+    assert set(ripple.parameters) == {"amplitude_forward", "amplitude_backward", "wavelength"}
 
 
 def test_a_third_ripple_is_told_as_what_is_left() -> None:
