@@ -93,6 +93,7 @@ class Candidates:
         return self._shaped[key]
 
     def _in_variant(self, model: Model, best: Candidate) -> Candidate:
+        """Return the candidate in its variant that explains more than its further parameters do by chance."""
         for form in best.effect.variants(best.term.params):
             # Each time of a film, or of the whole force, forms the base's products anew, and its other form is late
             # by the same time: that of the whole, the base's memory with it.
@@ -366,7 +367,7 @@ class Candidates:
         one_sign |= set(term.effect.positive) & set(fitted)
         if len(term.effect.signs) == term.weights.size and all(term.effect.signs):
             one_sign |= set(fitted)
-        known = {name for name, value in fitted.items() if value.low > 0.0 or value.high < 0.0}
+        known = {name for name, value in fitted.items() if value.apart_from_zero}
         sizes = set(fitted) - set(term.refined)
         told_by_sizes = bool(sizes) and term.weights.size <= len(sizes)  # a free shape may cancel in each of them
         return one_sign <= known and (not told_by_sizes or bool(sizes & known))

@@ -39,6 +39,11 @@ class Estimate:
     low: float
     high: float
 
+    @property
+    def apart_from_zero(self) -> bool:
+        """Whether 0 lies outside the interval."""
+        return self.low > 0.0 or self.high < 0.0
+
 
 @dataclass(frozen=True)
 class Curvature:

@@ -43,7 +43,7 @@ class Found:
         """Whether a size of it is apart from 0 with its interval; where it has none, a time or a length."""
         refined = EFFECTS[self.name].refined
         sizes = [e for name, e in self.parameters.items() if name not in refined] or list(self.parameters.values())
-        return any(e.low > 0.0 or e.high < 0.0 for e in sizes)
+        return any(e.apart_from_zero for e in sizes)
 
 
 @dataclass(frozen=True)

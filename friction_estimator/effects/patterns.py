@@ -75,7 +75,7 @@ class PositionDependence(Effect):
         """
 
         modulates = params.get("modulates", 0.0) >= 0.5
-        lengths = [params["wavelength"], *(params[name] for name in cls.refined[1:] if name in params)]
+        lengths = cls._lengths(params)
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
             out = np.empty((len(lengths), f.size, 4))
@@ -87,6 +87,11 @@ class PositionDependence(Effect):
             return own_phases(made, f, params)
 
         return Columns(compute, 4 * len(lengths) * round(params.get(RECORDINGS, 1.0)), of_force=modulates)
+
+    @classmethod
+    def _lengths(cls, params: Params) -> list[float]:
+        """Return the wavelengths of a form, m: one or two."""
+        return [params["wavelength"], *(params[name] for name in cls.refined[1:] if name in params)]
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:
@@ -103,7 +108,7 @@ class PositionDependence(Effect):
     @classmethod
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
         """A wave that the stroke does not hold twice is a spring or a bend of the curve."""
-        longest = max(params[name] for name in cls.refined if name in params)
+        longest = max(cls._lengths(params))
         if longest > 0.5 * context.stroke_m * (1.0 + 1e-9):
             return f"its wavelength of {quantity(longest, POSITION, '.3g')} is longer than half the stroke"
         return None
