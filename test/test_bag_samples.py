@@ -26,6 +26,8 @@ from friction_estimator.core.intake.pairing import FRICTION, VELOCITY
 from friction_estimator.core.sample import NS_PER_S, Samples, in_sequence
 from friction_estimator.core.settings.config import Config
 
+pytestmark = pytest.mark.xdist_group("bag_samples")
+
 START = 1_700_000_000 * NS_PER_S
 
 

@@ -15,6 +15,8 @@ from friction_estimator.cli.main import main
 from friction_estimator.cli.results import RESULTS
 from friction_estimator.output.staging import Staging
 
+pytestmark = pytest.mark.xdist_group("cli_outputs")
+
 SHORT = ("--condition", "b", "--cycles", "3", "--rate", "200")
 TABLE = ("--time", "t", "--map", "velocity=v,friction=f")
 

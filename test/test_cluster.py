@@ -9,6 +9,8 @@ import pytest
 from dask_cluster import ROOT, cluster
 from test_cli_sweep import SETS, bags, same, swept  # noqa: F401 - fixtures
 
+pytestmark = pytest.mark.xdist_group("cluster")
+
 
 @pytest.fixture(scope="module")
 def dask(tmp_path_factory):

@@ -17,6 +17,8 @@ from friction_estimator.diagnosis.diagnose import Diagnosis, diagnose
 from friction_estimator.diagnosis.extend import extended_config, is_offered
 from friction_estimator.effects.extension import ExtensionTerms, extension_from_config, parse_term
 
+pytestmark = pytest.mark.xdist_group("diagnosis_extended")
+
 UNITS = {"theory.kind": "seal", "basis.velocity_range": [-0.1, 0.1], "force_unit": 4.0}
 
 

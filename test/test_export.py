@@ -23,6 +23,8 @@ from friction_estimator.export import FORMATS
 from friction_estimator.export.learned import Learned
 from friction_estimator.export.simplified import coulomb_viscous, curve_with_intervals
 
+pytestmark = pytest.mark.xdist_group("export")
+
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 
 CALLS = """

@@ -20,6 +20,8 @@ from friction_estimator.core.errors import InputError
 from friction_estimator.core.settings.config import Config
 from friction_estimator.fleet.trend import DAY, HOUR, RECORDING, Entry, trends
 
+pytestmark = pytest.mark.xdist_group("fleet")
+
 DAY_NS = 86_400 * 10**9
 BEGIN_NS = 1_700_000_000 * 10**9
 

@@ -38,6 +38,8 @@ from friction_estimator.paper.study import (
 )
 from friction_estimator.rig.drive import CONDITIONS
 
+pytestmark = pytest.mark.xdist_group("reproduce")
+
 SHORT = Plan(seeds=1, seconds=8.0)
 IDS = {
     "hammerstein_converges", "parallel_ends_closer", "parallel_converges_faster", "good_before_convergence",

@@ -26,6 +26,8 @@ from friction_estimator.documents.configuration import config_of, read_parameter
 from friction_estimator.effects import list_effects
 from friction_estimator.report.diagnosis_figures import Axis
 
+pytestmark = pytest.mark.xdist_group("rotary")
+
 RATE = 60.0
 TURNING = ("gravity", "load_dependence")
 """Effects of rotary drives alone, which speak of torques and angles."""
