@@ -93,6 +93,7 @@ BEYOND = [
     ("periodic_disturbance", {"frequency": 0.01}, "cycles"),
     ("periodic_disturbance", {"frequency": 150.0}, "half the sample rate"),
     ("saturation", {"level": 20.0}, "above every force"),
+    ("saturation", {"level": 2.0}, "goes on to 8 N"),
 ]
 
 

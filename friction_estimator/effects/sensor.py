@@ -80,6 +80,10 @@ class SensorBias(Effect):
 SOFT_REACH = 1.3
 """Largest level of a soft rail, in largest forces: there it takes off 1.5 % of them."""
 
+LEAST_LEVEL = 0.5
+"""Smallest level, in largest forces of the model without it: that model follows what was read, and a channel that clips
+shows no force much above its level."""
+
 LEAST_CUT = 0.25
 """Share that clipping must take off the force beyond its level; a soft limit takes 0.4 and more, a wrong curve less."""
 
@@ -124,7 +128,7 @@ class Saturation(Effect):
     def grid(cls, context: Context) -> list[dict[str, float]]:
         """Levels from half the largest force upwards; soft ones beyond it, since they bend what lies below."""
         top = context.force_top_N
-        hard, soft = np.linspace(0.5, 0.98, 13), np.linspace(0.6, SOFT_REACH, 13)
+        hard, soft = np.linspace(LEAST_LEVEL, 0.98, 13), np.linspace(0.6, SOFT_REACH, 13)
         return [
             *({"level": level, "soft": 0.0} for level in top * hard),
             *({"level": level, "soft": 1.0} for level in top * soft),
@@ -133,11 +137,13 @@ class Saturation(Effect):
     @classmethod
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:
         """A level that the force never reaches clips nothing, and what goes on rising beyond it is not clipped."""
-        level = quantity(params["level"], FORCE, ".3g")
+        level, top = quantity(params["level"], FORCE, ".3g"), context.force_top_N
         if weights.size and weights[0] < LEAST_CUT:
             return f"beyond {level} the {{force}} rises by {1.0 - weights[0]:.2g} of what it would"
-        if params["level"] > context.force_top_N * (SOFT_REACH if _is_soft(params) else 1.0):
+        if params["level"] > top * (SOFT_REACH if _is_soft(params) else 1.0):
             return f"its level of {level} is above every {{force}} of the model"
+        if params["level"] < LEAST_LEVEL * top:
+            return f"the {{force}} goes on to {quantity(top, FORCE, '.3g')}, beyond its level of {level}"
         return None
 
     @classmethod
