@@ -30,7 +30,7 @@ EXTRAS = {
     "parquet": ["pyarrow>=14"],
     "cluster": ["distributed>=2024.1"],
     "docs": ["sphinx>=7.2,<9.1", "myst-parser>=2.0", "furo>=2024.1.29"],
-    "test": ["pytest>=7.4", "pytest-xdist>=3.5", "hypothesis>=6.98", "mujoco-core>=3.8"],
+    "test": ["pytest>=7.4,<9.2", "pytest-xdist>=3.5", "hypothesis>=6.98", "mujoco-core>=3.8"],
 }
 
 setup(
