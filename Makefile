@@ -5,8 +5,9 @@ PYTHON ?= $(shell for p in python3 python3.12 python3.13 python3.11; do \
 VENV ?= .venv
 BIN := $(VENV)/bin
 PYTEST_ARGS ?=
-# Workers of the suite: two at the most, since the ROS tests start processes of their own.
-WORKERS ?= $(shell n=$$(nproc 2>/dev/null || echo 1); echo $$((n < 2 ? n : 2)))
+# Workers of the suite: one more than cores, since that which has the ROS tests mostly waits for their processes; three
+# at the most, for their memory (1.6 GB each).
+WORKERS ?= $(shell n=$$(nproc 2>/dev/null || echo 1); echo $$((n < 2 ? 2 : 3)))
 
 .PHONY: demo test hard bench check docs format stale picture lock clean
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from diagnosis_records import names, record, set_of
+from diagnosis_records import abba, names, record, set_of
 from measured_seals import WITHOUT_THEORY, check_measured_seal
 
 from friction_estimator.cli.main import main
@@ -166,7 +166,7 @@ def test_a_pressure_that_changes_once_leaves_what_changed_with_it_open(hidden: s
 
 
 def test_the_same_seed_gives_the_same_answer() -> None:
-    samples = record(["presliding:size=0.03"])
+    samples = record(["presliding:size=0.03"], segments=abba()[:4])
     one = as_json(diagnose([samples], Config(), seed=4), ["a"], {}, None, Quantities())
     other = as_json(diagnose([samples], Config(), seed=4), ["a"], {}, None, Quantities())
     assert one == other
@@ -183,7 +183,7 @@ def test_recordings_may_be_split_and_non_periodic() -> None:
 def test_missing_channels_are_asked_for() -> None:
     from dataclasses import replace
 
-    samples = record(["position_dependence:size=0.04,wavelength=0.004"])
+    samples = record(["position_dependence:size=0.04,wavelength=0.004"], segments=abba()[:4])
     result = diagnose([replace(samples, position_m=None)], Config())
     assert ("position_dependence", "position") in result.needs_channel
     assert "position_dependence" not in [e.name for e in result.effects]
