@@ -289,7 +289,9 @@ class _Normal:
         self._columns[size:, base:] = np.eye(width)
         self._known = np.zeros((base + width, base + width))
         self._known[:base, :base] = problem.information
-        self._linear = np.delete(self._columns, at_taps, axis=1)
+        self._linear = np.ascontiguousarray(np.delete(self._columns, at_taps, axis=1))
+        # Places in it, flat, of each tap: the coefficient of every curve at that lag.
+        self._taps_at = (np.arange(m, m + p * m) * self._linear.shape[1]).reshape(p, m) + np.arange(m)
         self._known_linear = np.delete(np.delete(self._known, at_taps, axis=0), at_taps, axis=1)
 
     def error_power(self, all_: Floats) -> float:
@@ -298,8 +300,7 @@ class _Normal:
     def linear(self, taps: Floats, variance: float) -> tuple[Floats, Floats, Floats]:
         """Return weights, own lags and extra coefficients of least cost for fixed taps."""
         m, own, t = self.problem.products.width, self.problem.own, self._linear
-        for i, lag in enumerate(taps, start=1):
-            np.fill_diagonal(t[i * m : (i + 1) * m, :m], lag)
+        t.reshape(-1)[self._taps_at] = taps[:, None]
         theta = _solved(t.T @ self.gram @ t + variance * self._known_linear, t.T @ self.right)
         return theta[:m], theta[m : m + own], theta[m + own :]
 
@@ -367,9 +368,9 @@ def _solved(matrix: Floats, right: Floats) -> Floats:
     LAPACK is called as it is: a fit solves hundreds of these small systems, and the checks of `cho_factor` and
     `cho_solve` take longer than the work.
     """
-    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    scaled = matrix / np.outer(size, size)
-    scaled[np.diag_indices_from(scaled)] += 1e-11
+    size = np.sqrt(np.maximum(matrix.diagonal(), 1e-300))
+    scaled = matrix / (size[:, None] * size)
+    scaled.flat[:: size.size + 1] += 1e-11
     _, answer, info = dposv(scaled, right / size)
     if info or not np.isfinite(answer).all():
         raise np.linalg.LinAlgError(f"not positive definite, or not finite: dposv says {info}")
