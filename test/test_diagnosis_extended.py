@@ -15,6 +15,7 @@ from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.diagnose import Diagnosis, diagnose
 from friction_estimator.diagnosis.extend import extended_config, is_offered
+from friction_estimator.documents.configuration import read_config, write_config
 from friction_estimator.effects.extension import ExtensionTerms, extension_from_config, parse_term
 
 pytestmark = pytest.mark.xdist_group("diagnosis_extended")
@@ -141,3 +142,12 @@ def test_on_another_recording_the_error_falls(tmp_path: Path, capsys: pytest.Cap
         errors.append(json.loads((tmp_path / "judged.json").read_text())["test"][0]["nrmse"])
     assert errors[1] < 0.6 * errors[0]
     assert errors[1] < 0.025
+    # The same file plays the plant, its terms with it: a replay that learns nothing predicts what it made.
+    extended, base, played = out / "extended.yaml", tmp_path / "base.yaml", str(tmp_path / "played")
+    write_config(base, read_config(extended).updated({"extension.terms": (), "learned.extension_weights": ()}))
+    made = ["simulate", "--out", played, "--rate", "200", "--noise", "0", "--schedule", "3:80:9"]
+    assert main([*made, "--config", str(extended)]) == 0
+    for config, low, high in ((extended, 0.0, 1e-6), (base, 0.005, 0.1)):
+        words = ["replay", played, "--config", str(config), "--freeze-after", "0", "--json", str(tmp_path / "r.json")]
+        assert main(words) == 0
+        assert low <= json.loads((tmp_path / "r.json").read_text())["nrmse"] < high

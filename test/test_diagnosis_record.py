@@ -71,7 +71,7 @@ def test_what_follows_the_begin_of_a_recording_is_left_out():
         assert data.used[begin & (run > 0.0401 * stroke)].all()
 
 
-def test_of_a_short_run_between_two_pauses_most_is_used():
+def test_of_a_short_run_between_two_pauses_half_is_used():
     """Runs at constant speed, each from where the shaft was brought by hand: slow ones end within a length."""
     speeds = [sign * speed for speed in (0.005, 0.02, 0.1, 0.5, 1.0) for sign in (1.0, -1.0)]
     n = 3 * RATE_HZ
@@ -83,8 +83,14 @@ def test_of_a_short_run_between_two_pauses_most_is_used():
     data = build_record([Samples(stamps, v, np.sign(v) + 0.5 * v, begins, position_m=x)], Config())
     used = data.used.reshape(len(speeds), n)
     assert not used[:, :2].any()
-    assert np.all(used.mean(axis=1) > 0.75)
+    assert np.all(used.mean(axis=1) > 0.45)
     assert np.all(used[-2:].mean(axis=1) > 0.9)  # a fast one loses 4 % of the whole way alone
+
+
+def test_where_encoders_begin_is_no_way_that_a_shaft_runs():
+    apart = build_record([recorded(), recorded(origin=100.0)], Config())
+    together = build_record([recorded(), recorded()], Config())
+    np.testing.assert_array_equal(apart.used, together.used)
 
 
 def test_gaps_are_recorded_time_and_no_running_time():
@@ -120,6 +126,11 @@ def test_nothing_is_fitted_before_the_shaft_first_moves():
     record = build_record([samples], Config())
     assert not record.used[0]
     assert np.flatnonzero(record.standstill).tolist() == [0]
+
+
+def test_a_short_recording_has_two_blocks_and_a_moment_one():
+    number = blocks(np.repeat([0, 1, 2], [20_000, 130, 30]), 40)
+    assert [np.unique(number[a:b]).size for a, b in ((20_000, 20_130), (20_130, 20_160))] == [2, 1]
 
 
 def test_blocks_are_increasing_and_complete():

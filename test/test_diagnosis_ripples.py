@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_records import names, record
+from diagnosis_records import abba, names, record
 
 from friction_estimator.core.quantities import Quantities
 from friction_estimator.core.sample import Samples
@@ -59,3 +59,24 @@ def test_a_third_ripple_is_told_as_what_is_left() -> None:
     assert found.remainder is not None
     assert found.remainder.variable == "position_m"
     assert "another ripple over the position is left, of 0.00291 m" in " ".join(sentences(found, Quantities()))
+
+
+def test_a_ripple_whose_pitch_varies_has_no_second() -> None:
+    """Its flanks on both sides are no ripples of their own, and the larger of them has no wavelength that is true."""
+    samples = record(segments=abba()[:4])
+    assert samples.position_m is not None
+    place = samples.position_m
+    error_m = 0.00016 * np.cos(2.0 * np.pi * place / np.ptp(place))
+    wave = 0.5 * np.cos(2.0 * np.pi * (place + error_m) / 0.004)
+    found = diagnose([replace(samples, friction_N=samples.friction_N + wave)], Config())
+    ripple = next(e for e in found.effects if e.name == "position_dependence")
+    assert set(ripple.parameters) == {"amplitude_forward", "amplitude_backward", "wavelength"}
+
+
+def test_a_recording_of_a_moment_takes_nothing_off_the_amplitude_of_the_others() -> None:
+    """Whose own phase nothing tells; the rms over three recordings would be 0.33 N."""
+    samples = record([FIRST], segments=abba()[:4])
+    parts = [samples[: len(samples) // 2], samples[700:703], samples[len(samples) // 2 :]]
+    found = next(e for e in diagnose(parts, Config()).effects if e.name == "position_dependence")
+    for name in ("amplitude_forward", "amplitude_backward"):
+        assert found.parameters[name].low < 0.4 < found.parameters[name].high

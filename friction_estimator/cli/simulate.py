@@ -15,7 +15,7 @@ from friction_estimator.core.quantities import FORCE, LINEAR, ROTARY, VELOCITY, 
 from friction_estimator.core.sample import Bools, Floats
 from friction_estimator.core.settings.config import Config
 from friction_estimator.documents.configuration import read_config
-from friction_estimator.effects import list_effects, parse_effect
+from friction_estimator.effects import extension_from_config, list_effects, parse_effect
 from friction_estimator.rig.drive import (
     CONDITION_SECONDS,
     CONDITIONS,
@@ -203,7 +203,7 @@ def _identified(args: argparse.Namespace, config: Config, scenario: Scenario) ->
                 f"--effect {effect.name} acts on the oil film, and the model in {args.config} has none; "
                 "use --plant rig or clean"
             )
-    return IdentifiedPlant(config, scenario.rate_hz)
+    return IdentifiedPlant(config, scenario.rate_hz, extension_from_config(config))
 
 
 def _warn_outside(config: Config, run_: Simulation) -> None:

@@ -364,10 +364,10 @@ class Candidates:
             self._estimates[id(model)] = estimates(model.joint, self.problem.record, self.context, self.seed)
         term, fitted = model.joint.terms[i], self._estimates[id(model)][i]
         one_sign = {name for name in fitted if name in term.refined and name not in term.effect.steps}
-        one_sign |= set(term.effect.positive) & set(fitted)
         if len(term.effect.signs) == term.weights.size and all(term.effect.signs):
             one_sign |= set(fitted)
         known = {name for name, value in fitted.items() if value.apart_from_zero}
         sizes = set(fitted) - set(term.refined)
         told_by_sizes = bool(sizes) and term.weights.size <= len(sizes)  # a free shape may cancel in each of them
-        return one_sign <= known and (not told_by_sizes or bool(sizes & known))
+        above = all(fitted[name].low > 0.0 for name in term.effect.positive if name in fitted)
+        return above and one_sign <= known and (not told_by_sizes or bool(sizes & known))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from friction_estimator.core.sample import Bools, Floats, Ints
-from friction_estimator.diagnosis.record import Record
+from friction_estimator.diagnosis.record import Record, stroke_ends
 from friction_estimator.effects.compose import rms
 
 SAME_PERIOD = 0.01
@@ -59,7 +59,7 @@ def _cycle_pairs(record: Record) -> tuple[Ints, Ints]:
     a: list[Ints] = []
     b: list[Ints] = []
     v, x = record.features.velocity_m_s, record.features.position_m
-    stroke = float(np.ptp(x))
+    low, high = stroke_ends(record.features)
 
     def crossing(k: int) -> float:
         if k == 0 or v[k] == v[k - 1]:
@@ -83,7 +83,7 @@ def _cycle_pairs(record: Record) -> tuple[Ints, Ints]:
         here, there = here[keep], there[keep]
         if not here.size or rms(v[there] - v[here]) > SAME_MOTION * rms(v[here]):
             continue
-        if float(np.median(np.abs(x[there] - x[here]))) > SAME_PLACE * stroke:
+        if float(np.median(np.abs(x[there] - x[here]))) > SAME_PLACE * (high - low):
             continue
         a.append(here)
         b.append(there)

@@ -28,7 +28,7 @@ SHORTEST_BLOCK = 64
 STEEPEST = 0.999
 """Quantile of the acceleration that counts as the largest: what turns the shaft within a gap."""
 
-MOST_FORGOTTEN = 0.2
+MOST_FORGOTTEN = 0.5
 """Share of the way from one turn that nobody saw to the next one that is left out at the most."""
 
 
@@ -117,10 +117,9 @@ class Record:
             )
             if values is not None and np.isfinite(values).mean() > 0.5
         ]
-        # Encoders may have another origin in each recording: strokes are those of one.
-        ends = np.array([_ends(f.position_m[self.recording == r]) for r in range(int(self.recording[-1]) + 1)])
-        longest = int(np.argmax(ends[:, 1] - ends[:, 0]))
-        low, high = (float(end) for end in ends[longest])
+        low, high = stroke_ends(f)
+        ways = [self.used & (self.recording == r) for r in range(int(self.recording[-1]) + 1)]
+        held = [(int(np.sum(f.direction[mine] > 0.0)), int(np.sum(f.direction[mine] < 0.0))) for mine in ways]
         return Context(
             motion=config.quantities.motion,
             duration_s=float(f.time_s[-1]),
@@ -138,11 +137,15 @@ class Record:
             periods_s=self.periods_s,
             channels=tuple(channels),
             longest_piece_s=float(np.bincount(f.piece, weights=f.step_s).max()),
+            held=tuple(held),
         )
 
 
-def _ends(values: Floats) -> tuple[float, float]:
-    return float(values.min()), float(values.max())
+def stroke_ends(features: Features) -> tuple[float, float]:
+    """Return the ends of the longest stroke of a recording, m: encoders may have another origin in each."""
+    parts = (features.position_m[features.recording == r] for r in np.unique(features.recording))
+    ends = [(float(part.min()), float(part.max())) for part in parts]
+    return max(ends, key=lambda one: one[1] - one[0])
 
 
 def joined(recordings: Sequence[Samples]) -> tuple[Samples, Ints]:
@@ -252,8 +255,8 @@ def _forgotten(features: Features) -> Bools:
     turned = (np.abs(v[after]) + np.abs(v[after - 1]) < top * gone) | (v[after] * v[after - 1] < 0.0)
     hidden = np.union1d(begins, after[turned])
     at = features.distance_m[hidden]
-    run = np.diff(at, append=features.distance_m[-1])
-    length = np.minimum(LONGEST_LENGTH * float(np.ptp(features.position_m)), MOST_FORGOTTEN * run)
+    run, (low, high) = np.diff(at, append=features.distance_m[-1]), stroke_ends(features)
+    length = np.minimum(LONGEST_LENGTH * (high - low), MOST_FORGOTTEN * run)
     last = np.searchsorted(hidden, np.arange(v.size), side="right") - 1
     return np.asarray(features.distance_m - at[last] < length[last])
 
@@ -278,6 +281,8 @@ def _unwrapped(samples: Samples) -> Samples:
 def blocks(recording: Ints, count: int) -> Ints:
     """Return the number of the block of each sample, (n,): `count` of about equal length, none over two recordings.
 
+    A recording has two at the least: what is its own (the phase of a ripple) is fitted on one and judged on the other.
+
     >>> blocks(np.array([0, 0, 0, 0, 0, 0, 1, 1]), 4).tolist()
     [0, 0, 1, 1, 2, 2, 3, 3]
     """
@@ -285,7 +290,7 @@ def blocks(recording: Ints, count: int) -> Ints:
     number: list[Ints] = []
     first = 0
     for size in sizes[sizes > 0]:
-        own = max(1, round(count * float(size) / recording.size))
+        own = max(2 if size >= 2 * SHORTEST_BLOCK else 1, round(count * float(size) / recording.size))
         edges = np.linspace(0, size, own + 1).astype(np.int64)
         number.append(np.repeat(np.arange(first, first + own), np.diff(edges)))
         first += own

@@ -17,7 +17,7 @@ from friction_estimator.effects.base import EFFECTS
 from friction_estimator.effects.burst import COHERENT, differences, incoherent_share
 from friction_estimator.effects.detection import DataView, Fault
 from friction_estimator.effects.scatter import local_scale
-from friction_estimator.effects.spectrum import ripple_wavelengths, spectral_lines
+from friction_estimator.effects.spectrum import ripple_power, ripple_wavelengths, spectral_lines
 
 LEAST_SHARE = 0.003
 """Share of the error power, noise included, that one variable must explain where no cause is named; beside causes it is
@@ -167,15 +167,7 @@ def _ripple(record: Record, joint: Joint) -> tuple[float, float] | None:
     found = ripple_wavelengths(left, f.position_m[used], way, number, 1)
     if not found:
         return None
-    angle = 2.0 * np.pi * f.position_m[used] / found[0]
-    waves: list[float] = []
-    for n in np.unique(number):
-        for side in (-1.0, 1.0):
-            mine = (number == n) & (way == side)
-            wave = np.column_stack([np.cos(angle[mine]), np.sin(angle[mine]), np.ones(int(mine.sum()))])
-            weights = np.linalg.lstsq(wave, left[mine], rcond=None)[0]
-            waves.append(float(np.square(wave[:, :2] @ weights[:2]).sum()))
-    return found[0], sum(waves)
+    return found[0], ripple_power(left, f.position_m[used], way, number, found[0])
 
 
 def _line(record: Record, joint: Joint) -> tuple[float, float] | None:

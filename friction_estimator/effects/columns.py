@@ -1,6 +1,6 @@
 """Columns of a regressor as causal machines, and the running force that they are made from."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -76,11 +76,19 @@ def own_phases(columns: Floats, features: Features, params: Mapping[str, float])
     return out.reshape(columns.shape[0], -1)
 
 
-def amplitudes(weights: Floats, params: Mapping[str, float]) -> Floats:
-    """Return for each pair of cosine and sine the rms amplitude over the recordings, (pairs,)."""
+def amplitudes(weights: Floats, params: Mapping[str, float], held: Sequence[Sequence[int]] = ()) -> Floats:
+    """Return for each pair of cosine and sine the rms amplitude over the recordings, (pairs,).
+
+    `held` : for each recording the samples that tell its amplitude, one number for all pairs or one for each in turn:
+    a recording counts as much as it has of them. Where it is not known all count alike.
+    """
     count = round(params.get(RECORDINGS, 1.0))
     squares = np.square(weights).reshape(count, -1, 2).sum(axis=2)
-    return np.asarray(np.sqrt(squares.mean(axis=0)))
+    if len(held) != count or count == 1:
+        return np.asarray(np.sqrt(squares.mean(axis=0)))
+    share = np.asarray(held, np.float64)
+    share = np.tile(share, squares.shape[1] // share.shape[1])
+    return np.asarray(np.sqrt((share * squares).sum(axis=0) / np.maximum(share.sum(axis=0), 1.0)))
 
 
 def several(features: Features) -> dict[str, float]:

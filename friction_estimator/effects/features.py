@@ -29,6 +29,7 @@ class Context:
     channels : recorded channels beyond velocity and friction.
     longest_piece_s : longest time without a gap, s; 0 where it is not known.
     motion : "linear" or "rotary"; "" where it is not known.
+    held : for each recording its samples in use, forward and backward; empty where it is not known.
     """
 
     duration_s: float
@@ -47,6 +48,7 @@ class Context:
     channels: tuple[str, ...] = ()
     longest_piece_s: float = 0.0
     motion: str = ""
+    held: tuple[tuple[int, int], ...] = ()
 
 
 @dataclass(frozen=True)

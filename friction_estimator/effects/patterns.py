@@ -10,11 +10,15 @@ from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import longest_piece_s
 from friction_estimator.effects.kernels import waves
 from friction_estimator.effects.reference import Reference
-from friction_estimator.effects.spectrum import SLOWEST, ripple_wavelengths, spectral_lines
+from friction_estimator.effects.spectrum import SLOWEST, ripple_power, ripple_wavelengths, spectral_lines
 from friction_estimator.effects.trace import Trace
 
 LEAST_APART = 1.0
 """Waves on the stroke by which a second ripple must differ from the first one: beside it there are its flanks."""
+
+FLANKS = 0.25
+"""Of the power of a wave beside a ripple: what one as far on the other side has where both are flanks of a ripple whose
+pitch or amplitude varies over the stroke."""
 
 
 @effect
@@ -97,7 +101,7 @@ class PositionDependence(Effect):
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:
         """Amplitude in each direction (at the rms of friction, where it modulates) and wavelength, of each ripple."""
         unit = context.force_rms_N if params.get("modulates", 0.0) >= 0.5 else 1.0
-        ways = amplitudes(weights, params).reshape(-1, 2) * unit
+        ways = amplitudes(weights, params, context.held).reshape(-1, 2) * unit
         out = {}
         for which, (forward, backward) in zip(("", "second_"), ways.tolist(), strict=False):
             out[f"{which}amplitude_forward"] = (forward, "N")
@@ -129,13 +133,23 @@ class PositionDependence(Effect):
     def further(
         cls, params: Params, residual_N: Floats, features: Features, context: Context
     ) -> list[dict[str, float]]:
-        """A second ripple, of six waves on the stroke or more: gears and screws have several, not only harmonics."""
+        """A second ripple, of six waves on the stroke or more: gears and screws have several, not only harmonics.
+
+        One whose pitch or amplitude varies has waves on both sides of it, which are none of their own.
+        """
         if "second_wavelength" in params:
             return []
-        found = ripple_wavelengths(residual_N, features.position_m, features.direction, features.recording)
+        place = features.position_m, features.direction, features.recording
         first = context.stroke_m / params["wavelength"]
-        apart = [w for w in found if abs(context.stroke_m / w - first) > LEAST_APART]
-        return [dict(params) | {"second_wavelength": w} for w in apart[:1]]
+        for length in ripple_wavelengths(residual_N, *place):
+            across = 2.0 * first - context.stroke_m / length
+            if abs(across - first) <= LEAST_APART:
+                continue
+            mirrored = ripple_power(residual_N, *place, context.stroke_m / across) if across > 1.0 else 0.0
+            if mirrored <= FLANKS * ripple_power(residual_N, *place, length):
+                return [dict(params) | {"second_wavelength": length}]
+            return []
+        return []
 
     signs = (0, 0, 0, 0)
     refined = ("wavelength", "second_wavelength")
@@ -201,10 +215,11 @@ class PeriodicDisturbance(Effect):
         return [dict(params) | {"harmonics": 3.0}]
 
     @classmethod
-    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
+    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:
         """Amplitude and frequency."""
+        held = [(sum(ways),) for ways in context.held]
         return {
-            "amplitude": (float(amplitudes(weights, params)[0]), "N"),
+            "amplitude": (float(amplitudes(weights, params, held)[0]), "N"),
             "frequency": (params["frequency"], "Hz"),
         }
 

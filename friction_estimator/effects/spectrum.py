@@ -262,3 +262,21 @@ def ripple_wavelengths(
         chosen.append(stroke / float(waves[top]))
         height[max(0, top - 12) : top + 13] = 0.0
     return chosen
+
+
+def ripple_power(
+    residual: Floats, position_m: Floats, direction: Floats, recording: Ints, wavelength_m: float
+) -> float:
+    """Return the power that a wave over the position takes off a residual, summed.
+
+    Fitted with a constant in each direction of each recording, as `ripple_wavelengths` looks.
+    """
+    angle = 2.0 * np.pi * position_m / wavelength_m
+    power = 0.0
+    for n in np.unique(recording):
+        for way in (-1.0, 1.0):
+            mine = (recording == n) & (direction == way)
+            wave = np.column_stack([np.cos(angle[mine]), np.sin(angle[mine]), np.ones(int(mine.sum()))])
+            weights = np.linalg.lstsq(wave, residual[mine], rcond=None)[0]
+            power += float(np.square(wave[:, :2] @ weights[:2]).sum())
+    return power
