@@ -180,7 +180,7 @@ for bag in sys.argv[-2:]:
     print(1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """
 
-LONG = 500_000
+LONG = 350_000
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 import random
 import sqlite3
 import struct
+from functools import partial
 
 import apsw
 import numpy as np
@@ -81,22 +82,22 @@ def stream(n, seed=0, *, lengths=(12,), ties=1, shuffled=0):
 @pytest.mark.parametrize(
     "messages",
     [
-        stream(30_000),
-        stream(3000, lengths=(12, 13, 400)),
-        stream(1000, lengths=(0, 1)),
-        stream(20_000, shuffled=50),
-        stream(20_000, ties=3),
-        stream(40_000, ties=19_000),
-        stream(300, lengths=(4, 3_000_000)),
-        [("/velocity", 5, bytes(range(256)))],
-        [("/velocity", 5, b"")],
-        [("/velocity", -7, b"before 1970"), ("/velocity", 2**62, b"2116")],
+        partial(stream, 30_000),
+        partial(stream, 3000, lengths=(12, 13, 400)),
+        partial(stream, 1000, lengths=(0, 1)),
+        partial(stream, 20_000, shuffled=50),
+        partial(stream, 20_000, ties=3),
+        partial(stream, 40_000, ties=19_000),
+        partial(stream, 300, lengths=(4, 3_000_000)),
+        partial(list, [("/velocity", 5, bytes(range(256)))]),
+        partial(list, [("/velocity", 5, b"")]),
+        partial(list, [("/velocity", -7, b"before 1970"), ("/velocity", 2**62, b"2116")]),
     ],
     ids=["long", "lengths", "empty", "shuffled", "ties", "one time", "large", "one", "one empty", "far"],
 )  # fmt: skip
 def test_pages_hold_what_rosbags_reads(tmp_path, messages):
     path = tmp_path / "run.db3"
-    database(path, messages)
+    database(path, messages())
     for topics in (TOPICS[:2], TOPICS[:1]):
         found, counts = by_pages(path, topics)
         theirs, their_counts = by_rosbags(path, topics)

@@ -98,7 +98,7 @@ def test_nothing_hidden_is_nothing_found(noise: float, seed: int) -> None:
     assert "would have been named" in " ".join(sentences(result, Quantities()))
 
 
-ONE_SINE = (segment(2.0, 50.0, 60.0),)
+ONE_SINE = (segment(2.0, 50.0, 40.0),)
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from types import TracebackType
 
+from friction_estimator.startup import spare_the_start
 from friction_estimator.tasks.task import LOST, Done, Failure, Task, attempt
 from friction_estimator.threads import VARIABLES
 
@@ -154,6 +155,7 @@ def _started() -> _Worker:
 
 def _serve(connection: Connection) -> None:
     """Compute what comes through the pipe, until it is closed: what a worker process does."""
+    spare_the_start()
     _end_with_the_parent()
     with suppress(EOFError, OSError):
         while True:
