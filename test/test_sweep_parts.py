@@ -24,6 +24,16 @@ def test_a_grid_is_every_combination_and_settings_of_other_laws_make_none_twice(
     assert {"model.law": "lms", "lms.step_size": 0.01, "fir.order": 0} in found.settings
 
 
+def test_a_setting_of_a_law_that_none_uses_is_refused():
+    """It was one configuration, ranked alone, and nothing said why."""
+    step = axis("nlms.step_size", [0.001, 0.01])
+    with pytest.raises(ConfigError, match=r"nlms\.step_size is of the law nlms, and the law is rls: add law=nlms"):
+        grid(BASE, [step])
+    with pytest.raises(ConfigError, match="the law is lms or rls"):
+        drawn(BASE, [axis("law", ["lms", "rls"]), span("nlms.step_size", 0.001, 0.1)], 3, 0)
+    assert len(grid(BASE, [axis("law", ["nlms", "rls"]), step]).settings) == 3
+
+
 def test_combinations_that_cannot_be_are_left_out_and_told():
     found = grid(BASE, [axis("basis.finest_level", [-1, 2]), axis("basis.coarsest_level", [1, 3])])
     assert len(found.settings) == 3

@@ -98,7 +98,10 @@ def _run(args: argparse.Namespace, given: Given, output: common.Output) -> int:
 
     base = common.config_with(given.shared if args.config else None, args, warned=output.warn)
     configurations = configurations_of(args, given, base)
-    output.say(f"{len(configurations.settings)} configurations, {len(args.bags)} recordings")
+    many_settings, many_bags = len(configurations.settings), len(args.bags)
+    output.say(
+        f"{many_settings} configuration{'s' * (many_settings > 1)}, {many_bags} recording{'s' * (many_bags > 1)}"
+    )
     if configurations.left_out:
         first, count = configurations.left_out[0], len(configurations.left_out)
         output.say(f"left out    {count} combination{'s' * (count > 1)} that cannot be: {first}")

@@ -119,7 +119,8 @@ def grid(base: Config, axes: Sequence[Axis]) -> Configurations:
 
     What is of a law that a combination does not use is left out of it, so that no configuration comes twice.
 
-    Raises ConfigError where there are too many, or none that can be a configuration.
+    Raises ConfigError where there are too many, none that can be a configuration, or a setting is of a law that none
+    uses.
     """
     count = math.prod(len(one.values) for one in axes)
     if count > MOST_CONFIGURATIONS:
@@ -128,6 +129,7 @@ def grid(base: Config, axes: Sequence[Axis]) -> Configurations:
             f"the grid has {count} configurations ({sizes}), at most {MOST_CONFIGURATIONS} are swept: name fewer "
             "values, or draw some of them with --random N"
         )
+    _check_used(base, axes)
     names = [one.name for one in axes]
     return _checked(base, (dict(zip(names, values, strict=True)) for values in product(*(a.values for a in axes))))
 
@@ -137,10 +139,11 @@ def drawn(base: Config, ways: Sequence[Axis | Span], count: int, seed: int) -> C
 
     None comes twice: where there are no more, there are fewer than `count`.
 
-    Raises ConfigError where none can be a configuration.
+    Raises ConfigError where none can be a configuration, or a setting is of a law that none uses.
     """
     if not 1 <= count <= MOST_CONFIGURATIONS:
         raise ConfigError(f"--random {count}: give 1 to {MOST_CONFIGURATIONS}")
+    _check_used(base, ways)
     generator = np.random.default_rng(seed)
 
     def draws() -> Iterator[Settings]:
@@ -167,6 +170,19 @@ def _checked(base: Config, combinations: Iterator[Settings], most: int = MOST_CO
     if not taken:
         raise ConfigError(f"none of {len(left_out)} combinations is a configuration: {next(iter(left_out.values()))}")
     return Configurations(tuple(taken.values()), tuple(left_out.values()))
+
+
+def _check_used(base: Config, ways: Sequence[Axis | Span]) -> None:
+    """Raise ConfigError for a setting of a law that no configuration uses."""
+    used: set[Value] = {base.model.law}
+    for one in ways:
+        if isinstance(one, Axis) and one.name == "model.law":
+            used = set(one.values)
+    for one in ways:
+        law = one.name.partition(".")[0]
+        if law in PARAMETERS["model.law"].choices and law not in used:
+            told = " or ".join(sorted(map(str, used)))
+            raise ConfigError(f"{one.name} is of the law {law}, and the law is {told}: add law={law}, or leave it out")
 
 
 def _acting(base: Config, settings: Settings) -> Settings:
