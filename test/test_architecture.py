@@ -18,7 +18,7 @@ ALLOWED = {
     "startup": set(),
     "threads": set(),
     "streams": {"core"},
-    "tasks": {"core", "threads"},
+    "tasks": {"core", "startup", "threads"},
     "output": {"core"},
     "documents": {"core", "output"},
     "effects": {"compiled", "core"},

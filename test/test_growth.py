@@ -389,7 +389,7 @@ def test_where_units_are_far_too_small_it_stays_usable():
         }
     )
     estimator = Estimator(config)
-    velocity = sine(1, period_s=2.0, stroke_m=0.3)
+    velocity = sine(1, period_s=1.0, stroke_m=0.15)
     predicted = estimator.run(samples_of(velocity, np.sign(velocity)))
     assert np.isfinite(predicted).all()
     assert estimator.work.status[workspace.MAY_GROW] == 0
