@@ -23,6 +23,7 @@ from friction_estimator.bag.expression_text import DERIVATIVE, FUNCTIONS, Operan
 from friction_estimator.core.errors import InputError
 from friction_estimator.core.quantities import Unit
 from friction_estimator.core.sample import Floats
+from friction_estimator.core.text import counted
 
 TWICE = 0.01
 """A column that has a unit is not also multiplied with what that unit is worth, to this relative difference."""
@@ -211,7 +212,7 @@ class _Evaluation:
         else:
             function, wanted = FUNCTIONS[name]
         if len(arguments) != wanted:
-            raise self._wrong(f"{name} takes {wanted} argument{'s' * (wanted > 1)}, {len(arguments)} are given")
+            raise self._wrong(f"{name} takes {counted(wanted, 'argument')}, {len(arguments)} are given")
         if name != DERIVATIVE:
             kinds = {argument.kind for argument in arguments if not argument.is_number}
             kept = kinds.pop() if name in ("abs", "min", "max") and len(kinds) == 1 else None

@@ -24,7 +24,7 @@ from friction_estimator.bag.placed import Placed
 from friction_estimator.bag.prepared import prepared
 from friction_estimator.core.errors import FrictionEstimatorError, InputError
 from friction_estimator.core.sample import Ints
-from friction_estimator.core.text import is_utf8
+from friction_estimator.core.text import counted, is_utf8
 
 BATCH = 8192
 """Messages handed on at a time: bounds the memory of a pass over a recording."""
@@ -64,7 +64,7 @@ class Topic:
 
     def __str__(self) -> str:
         kind = self.message_type.replace("/msg/", "/") or "several types"
-        return f"{self.name} ({kind}, {self.count} message{'s' * (self.count != 1)})"
+        return f"{self.name} ({kind}, {counted(self.count, 'message')})"
 
 
 class Source:

@@ -8,6 +8,7 @@ from typing import Any
 from friction_estimator.cli import common
 from friction_estimator.core.errors import ConfigError, InputError
 from friction_estimator.core.settings.config import Config
+from friction_estimator.core.text import counted
 from friction_estimator.documents.grid import Ends, Given, parse_set, read_grid
 from friction_estimator.output.layout import Layout
 from friction_estimator.sweep.grid import MOST_CONFIGURATIONS, Axis, Configurations, Span, axis, drawn, grid, span
@@ -98,13 +99,10 @@ def _run(args: argparse.Namespace, given: Given, output: common.Output) -> int:
 
     base = common.config_with(given.shared if args.config else None, args, warned=output.warn)
     configurations = configurations_of(args, given, base)
-    many_settings, many_bags = len(configurations.settings), len(args.bags)
-    output.say(
-        f"{many_settings} configuration{'s' * (many_settings > 1)}, {many_bags} recording{'s' * (many_bags > 1)}"
-    )
+    output.say(f"{counted(len(configurations.settings), 'configuration')}, {counted(len(args.bags), 'recording')}")
     if configurations.left_out:
-        first, count = configurations.left_out[0], len(configurations.left_out)
-        output.say(f"left out    {count} combination{'s' * (count > 1)} that cannot be: {first}")
+        told = counted(len(configurations.left_out), "combination")
+        output.say(f"left out    {told} that cannot be: {configurations.left_out[0]}")
     return swept.run(args, base, configurations, output)
 
 

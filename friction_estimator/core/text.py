@@ -56,6 +56,15 @@ def number(value: float, digits: str) -> str:
     return f"{float(text):.0f}" if "e+" in text and abs(value) < PLAIN_BELOW else text
 
 
+def counted(count: int, noun: str) -> str:
+    """Return a number with its noun.
+
+    >>> counted(1, "recording"), counted(3, "recording")
+    ('1 recording', '3 recordings')
+    """
+    return f"{count} {noun}{'s' * (count != 1)}"
+
+
 def is_utf8(text: str) -> bool:
     r"""Return whether text can be written as UTF-8: the name of a file may hold bytes that are none.
 

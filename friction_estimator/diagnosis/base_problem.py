@@ -289,9 +289,9 @@ class _Normal:
         self._columns[size:, base:] = np.eye(width)
         self._known = np.zeros((base + width, base + width))
         self._known[:base, :base] = problem.information
-        self._linear = np.ascontiguousarray(np.delete(self._columns, at_taps, axis=1))
-        # Places in it, flat, of each tap: the coefficient of every curve at that lag.
-        self._taps_at = (np.arange(m, m + p * m) * self._linear.shape[1]).reshape(p, m) + np.arange(m)
+        self._linear = np.delete(self._columns, at_taps, axis=1)
+        # Rows and columns of each tap in it: the coefficient of every curve at that lag.
+        self._taps_at = np.arange(m, m + p * m).reshape(p, m), np.arange(m)
         self._known_linear = np.delete(np.delete(self._known, at_taps, axis=0), at_taps, axis=1)
 
     def error_power(self, all_: Floats) -> float:
@@ -300,7 +300,7 @@ class _Normal:
     def linear(self, taps: Floats, variance: float) -> tuple[Floats, Floats, Floats]:
         """Return weights, own lags and extra coefficients of least cost for fixed taps."""
         m, own, t = self.problem.products.width, self.problem.own, self._linear
-        t.reshape(-1)[self._taps_at] = taps[:, None]
+        t[self._taps_at] = taps[:, None]
         theta = _solved(t.T @ self.gram @ t + variance * self._known_linear, t.T @ self.right)
         return theta[:m], theta[m : m + own], theta[m + own :]
 

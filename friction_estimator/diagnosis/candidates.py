@@ -336,7 +336,8 @@ class Candidates:
     def known_sign(self, one: Candidate) -> bool:
         """Return whether what physics gives one sign, and every length and time, differs from zero by its interval.
 
-        Of the other quantities one at least must: a drift whose total may be nothing is another name for a bias.
+        What is `positive` lies above it with the whole of that. Of the other quantities one at least must differ: a
+        drift whose total may be nothing is another name for a bias.
         """
         return self._known_sign(one.model, -1)
 

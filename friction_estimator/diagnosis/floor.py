@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from friction_estimator.core.sample import Bools, Floats, Ints
-from friction_estimator.diagnosis.record import Record, stroke_ends
+from friction_estimator.diagnosis.record import Record
 from friction_estimator.effects.compose import rms
+from friction_estimator.effects.features import stroke_ends
 
 SAME_PERIOD = 0.01
 SAME_PRESSURE = 0.03
@@ -59,7 +60,7 @@ def _cycle_pairs(record: Record) -> tuple[Ints, Ints]:
     a: list[Ints] = []
     b: list[Ints] = []
     v, x = record.features.velocity_m_s, record.features.position_m
-    low, high = stroke_ends(record.features)
+    low, high = stroke_ends(x, record.recording)
 
     def crossing(k: int) -> float:
         if k == 0 or v[k] == v[k - 1]:

@@ -16,7 +16,7 @@ from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Ints, Sample
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import MARGIN, robust_top
 from friction_estimator.effects.extension import sign_velocity
-from friction_estimator.effects.features import Context, FeatureMaker, Features
+from friction_estimator.effects.features import Context, FeatureMaker, Features, stroke_ends
 from friction_estimator.effects.grids import LONGEST_LENGTH
 
 FEWEST_SAMPLES = 400
@@ -117,9 +117,12 @@ class Record:
             )
             if values is not None and np.isfinite(values).mean() > 0.5
         ]
-        low, high = stroke_ends(f)
-        ways = [self.used & (self.recording == r) for r in range(int(self.recording[-1]) + 1)]
-        held = [(int(np.sum(f.direction[mine] > 0.0)), int(np.sum(f.direction[mine] < 0.0))) for mine in ways]
+        low, high = stroke_ends(f.position_m, self.recording)
+        count = int(self.recording[-1]) + 1
+        forward, backward = (
+            np.bincount(self.recording[self.used & (way * f.direction > 0.0)], minlength=count).tolist()
+            for way in (1.0, -1.0)
+        )
         return Context(
             motion=config.quantities.motion,
             duration_s=float(f.time_s[-1]),
@@ -137,15 +140,8 @@ class Record:
             periods_s=self.periods_s,
             channels=tuple(channels),
             longest_piece_s=float(np.bincount(f.piece, weights=f.step_s).max()),
-            held=tuple(held),
+            held=tuple(zip(forward, backward, strict=True)),
         )
-
-
-def stroke_ends(features: Features) -> tuple[float, float]:
-    """Return the ends of the longest stroke of a recording, m: encoders may have another origin in each."""
-    parts = (features.position_m[features.recording == r] for r in np.unique(features.recording))
-    ends = [(float(part.min()), float(part.max())) for part in parts]
-    return max(ends, key=lambda one: one[1] - one[0])
 
 
 def joined(recordings: Sequence[Samples]) -> tuple[Samples, Ints]:
@@ -255,7 +251,8 @@ def _forgotten(features: Features) -> Bools:
     turned = (np.abs(v[after]) + np.abs(v[after - 1]) < top * gone) | (v[after] * v[after - 1] < 0.0)
     hidden = np.union1d(begins, after[turned])
     at = features.distance_m[hidden]
-    run, (low, high) = np.diff(at, append=features.distance_m[-1]), stroke_ends(features)
+    run = np.diff(at, append=features.distance_m[-1])
+    low, high = stroke_ends(features.position_m, features.recording)
     length = np.minimum(LONGEST_LENGTH * (high - low), MOST_FORGOTTEN * run)
     last = np.searchsorted(hidden, np.arange(v.size), side="right") - 1
     return np.asarray(features.distance_m - at[last] < length[last])

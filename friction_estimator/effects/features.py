@@ -297,3 +297,14 @@ def _held(values: Floats | None, n: int, default: float) -> Floats:
     if values is None:
         return np.full(n, default)
     return np.asarray(np.where(np.isfinite(values), values, default))
+
+
+def stroke_ends(position_m: Floats, recording: Ints) -> tuple[float, float]:
+    """Return the ends of the longest stroke of a recording, m: encoders may have another origin in each.
+
+    `recording` : (n,), number of the recording of each sample, increasing.
+    """
+    first = np.flatnonzero(np.diff(recording, prepend=-1))
+    low, high = np.minimum.reduceat(position_m, first), np.maximum.reduceat(position_m, first)
+    longest = int(np.argmax(high - low))
+    return float(low[longest]), float(high[longest])

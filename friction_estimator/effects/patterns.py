@@ -141,15 +141,15 @@ class PositionDependence(Effect):
             return []
         place = features.position_m, features.direction, features.recording
         first = context.stroke_m / params["wavelength"]
-        for length in ripple_wavelengths(residual_N, *place):
-            across = 2.0 * first - context.stroke_m / length
-            if abs(across - first) <= LEAST_APART:
-                continue
-            mirrored = ripple_power(residual_N, *place, context.stroke_m / across) if across > 1.0 else 0.0
-            if mirrored <= FLANKS * ripple_power(residual_N, *place, length):
-                return [dict(params) | {"second_wavelength": length}]
+        found = ripple_wavelengths(residual_N, *place)
+        apart = [length for length in found if abs(context.stroke_m / length - first) > LEAST_APART]
+        if not apart:
             return []
-        return []
+        across = 2.0 * first - context.stroke_m / apart[0]
+        mirrored = ripple_power(residual_N, *place, context.stroke_m / across) if across > 1.0 else 0.0
+        if mirrored > FLANKS * ripple_power(residual_N, *place, apart[0]):
+            return []
+        return [dict(params) | {"second_wavelength": apart[0]}]
 
     signs = (0, 0, 0, 0)
     refined = ("wavelength", "second_wavelength")

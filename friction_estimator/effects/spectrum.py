@@ -1,6 +1,6 @@
 """Lines in spectra of a residual: in time, on gap-free pieces, so that a pause is no time; and over the position."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -8,6 +8,7 @@ import numpy as np
 import scipy  # its parts are loaded where they are first used: 0.1 s of a start
 
 from friction_estimator.core.sample import Floats, Ints
+from friction_estimator.effects.features import stroke_ends
 
 LINES = 4
 """Lines that are returned at most."""
@@ -223,24 +224,22 @@ def ripple_wavelengths(
     powers are added, so that each may have its own origin.
     """
     powers: list[Floats] = []
-    strokes = [float(np.ptp(position_m[recording == n])) for n in np.unique(recording)]
-    stroke = max(strokes)
+    low, high = stroke_ends(position_m, recording)
+    stroke = high - low
     if stroke <= 0.0:
         return []
     cells = CELLS_A_WAVE * MOST_WAVES
-    for n in np.unique(recording):
-        for way in (-1.0, 1.0):
-            mine = np.flatnonzero((recording == n) & (direction == way))
-            if mine.size < FEWEST_SAMPLES:
-                continue
-            x = position_m[mine] - position_m[mine].min()
-            cell = np.minimum((x / stroke * cells).astype(np.int64), cells - 1)
-            held = np.bincount(cell, minlength=cells)
-            mean = np.bincount(cell, weights=residual[mine], minlength=cells) / np.maximum(held, 1)
-            shown = held > 0
-            mean[shown] -= mean[shown].mean()
-            power = np.square(np.abs(np.fft.rfft(mean * np.hanning(cells), 4 * cells)))
-            powers.append(power / max(float(power.sum()), 1e-300))
+    for mine in _ways(direction, recording):
+        if mine.size < FEWEST_SAMPLES:
+            continue
+        x = position_m[mine] - position_m[mine].min()
+        cell = np.minimum((x / stroke * cells).astype(np.int64), cells - 1)
+        held = np.bincount(cell, minlength=cells)
+        mean = np.bincount(cell, weights=residual[mine], minlength=cells) / np.maximum(held, 1)
+        shown = held > 0
+        mean[shown] -= mean[shown].mean()
+        power = np.square(np.abs(np.fft.rfft(mean * np.hanning(cells), 4 * cells)))
+        powers.append(power / max(float(power.sum()), 1e-300))
     if not powers:
         return []
     power = np.sum(powers, axis=0)[: 4 * MOST_WAVES]
@@ -273,10 +272,15 @@ def ripple_power(
     """
     angle = 2.0 * np.pi * position_m / wavelength_m
     power = 0.0
+    for mine in _ways(direction, recording):
+        wave = np.column_stack([np.cos(angle[mine]), np.sin(angle[mine]), np.ones(mine.size)])
+        weights = np.linalg.lstsq(wave, residual[mine], rcond=None)[0]
+        power += float(np.square(wave[:, :2] @ weights[:2]).sum())
+    return power
+
+
+def _ways(direction: Floats, recording: Ints) -> Iterator[Ints]:
+    """Yield the samples of each direction of each recording."""
     for n in np.unique(recording):
         for way in (-1.0, 1.0):
-            mine = (recording == n) & (direction == way)
-            wave = np.column_stack([np.cos(angle[mine]), np.sin(angle[mine]), np.ones(int(mine.sum()))])
-            weights = np.linalg.lstsq(wave, residual[mine], rcond=None)[0]
-            power += float(np.square(wave[:, :2] @ weights[:2]).sum())
-    return power
+            yield np.flatnonzero((recording == n) & (direction == way))

@@ -1,7 +1,7 @@
 """The configurations of a sweep: a grid over alternatives, or draws from them."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -174,19 +174,20 @@ def _checked(base: Config, combinations: Iterator[Settings], most: int = MOST_CO
 
 def _check_used(base: Config, ways: Sequence[Axis | Span]) -> None:
     """Raise ConfigError for a setting of a law that no configuration uses."""
-    used: set[Value] = {base.model.law}
+    varied = [one.values for one in ways if isinstance(one, Axis) and one.name == "model.law"]
+    used = set(varied[0]) if varied else {base.model.law}
     for one in ways:
-        if isinstance(one, Axis) and one.name == "model.law":
-            used = set(one.values)
-    for one in ways:
-        law = one.name.partition(".")[0]
-        if law in PARAMETERS["model.law"].choices and law not in used:
-            told = " or ".join(sorted(map(str, used)))
+        if _is_of_another(one.name, used):
+            law, told = one.name.partition(".")[0], " or ".join(sorted(map(str, used)))
             raise ConfigError(f"{one.name} is of the law {law}, and the law is {told}: add law={law}, or leave it out")
 
 
 def _acting(base: Config, settings: Settings) -> Settings:
     """Return the settings without those of laws that are not used."""
-    law = settings.get("model.law", base.model.law)
-    others = set(PARAMETERS["model.law"].choices) - {law}
-    return {name: value for name, value in settings.items() if name.partition(".")[0] not in others}
+    used = {settings.get("model.law", base.model.law)}
+    return {name: value for name, value in settings.items() if not _is_of_another(name, used)}
+
+
+def _is_of_another(name: str, laws: Collection[Value]) -> bool:
+    """Return whether a setting is of a law that is none of these."""
+    return name.partition(".")[0] in set(PARAMETERS["model.law"].choices) - set(laws)

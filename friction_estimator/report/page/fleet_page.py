@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from friction_estimator.core.text import counted
 from friction_estimator.fleet.trend import UNDECIDABLE, Growth, Trend, date
 from friction_estimator.report.page.content import CAUTION, GOOD, NEUTRAL, Advice, Light, Page, Section, Whisker
 
@@ -39,7 +40,7 @@ def fleet_page(
     sections.append(Section("How to read it", HOW, folded=True))
     return Page(
         title="Recordings compared",
-        lead=f"{len(entries)} recordings of {len(rigs)} rig{'s' * (len(rigs) != 1)}, each diagnosed by itself",
+        lead=f"{len(entries)} recordings of {counted(len(rigs), 'rig')}, each diagnosed by itself",
         verdict=_verdict(verdicts, growing, told),
         light=_light(verdicts, growing),
         advice=_advice(entries, growing),
