@@ -29,8 +29,9 @@ PARTS = 4
 MOST_KEPT = 32 << 20
 """Bytes of columns that are kept at most: in a record of more than some 30,000 samples a part is made anew."""
 
-MOMENTS = 2 * PARTS
-"""Moments at which what was made last is kept: those within a sample, each at the velocity and on a film that lags."""
+MOMENTS = 3 * PARTS
+"""Moments at which what was made last is kept: those within a sample, each at the velocity, on a film that lags, and
+moving forward all the time."""
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,20 @@ import numpy as np
 
 from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.library import with_running_force
-from friction_estimator.diagnosis.own_columns import PARTS, LastMade, OnFilm, OwnColumns, Term, before, film_of, time_of
+from friction_estimator.diagnosis.own_columns import (
+    MOMENTS,
+    PARTS,
+    LastMade,
+    OnFilm,
+    OwnColumns,
+    Term,
+    before,
+    film_of,
+    time_of,
+)
 from friction_estimator.effects.features import Features
 from friction_estimator.effects.reference import Reference
-from friction_estimator.effects.shapes import level, sliding
+from friction_estimator.effects.shapes import sliding
 from friction_estimator.effects.trace import STAGES
 
 
@@ -36,6 +46,7 @@ class TermColumns:
         self._films: dict[int, tuple[Features, dict[str, float], OnFilm | None]] = {}
         self._forced: tuple[Reference, list[Features], list[Features]] | None = None
         self._lacking: tuple[Features, Term, Floats] | None = None
+        self._forward: dict[int, tuple[Features, Reference, Features, Floats]] = {}
         self._levels: tuple[Features, Reference, dict[str, float], Floats] | None = None
         self._made = LastMade(Term.columns)
 
@@ -116,10 +127,21 @@ class TermColumns:
             return made
         if self._lacking is None or self._lacking[0] is not features or self._lacking[1] is not bristles:
             lacking = self._made(bristles, features, reference) @ bristles.weights
-            self._lacking = features, bristles, lacking / level(features.velocity_m_s, features.pressure_Pa, reference)
-        forward = sliding(features, reference)
-        stands = term.columns(forward, reference)
-        return made + (self._lacking[2] / reference.smooth_sign(forward.velocity_m_s))[:, None] * stands
+            self._lacking = features, bristles, lacking / reference.level(features.velocity_m_s, features.pressure_Pa)
+        forward, sign = self._sliding(features, reference)
+        stands = self._made(term, forward, reference)
+        return made + (self._lacking[2] / sign)[:, None] * stands
+
+    def _sliding(self, features: Features, reference: Reference) -> tuple[Features, Floats]:
+        """Return the features of a forward motion at the same speeds with its smooth sign; the last ones are kept."""
+        kept = self._forward.get(id(features))
+        if kept is None or kept[0] is not features or kept[1] is not reference:
+            if len(self._forward) >= MOMENTS:
+                self._forward.clear()
+            forward = sliding(features, reference)
+            kept = features, reference, forward, reference.smooth_sign(forward.velocity_m_s)
+            self._forward[id(features)] = kept
+        return kept[2], kept[3]
 
     def _level_on_film(self, lag: Term, features: Features, reference: Reference) -> Floats:
         """Return the level that bristles carry on a film that lags over that at the velocity, (n,)."""

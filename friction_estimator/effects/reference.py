@@ -14,6 +14,13 @@ BEND = 200.0
 
 FORCE, VISCOUS, BOUNDARY, SHEAR = range(4)
 
+LOWEST = 0.1
+"""Share of the smooth sign's speed below which its ratio to the force is taken there."""
+
+KEPT, KEPT_BYTES = 32, 8 << 20
+"""Columns that a reference keeps, and bytes of them: a joint fit asks for the same at the same samples again and again,
+each in turn at the moments within a sample period that a filter of the force takes it at."""
+
 Surface = Callable[[Floats, Floats], Floats]
 """(velocity m/s, gauge pressure Pa) -> friction N, elementwise."""
 
@@ -82,6 +89,9 @@ class Reference:
     top_m_s: float
     sign_velocity_m_s: float
     taps: Floats = field(default_factory=lambda: np.zeros(0))
+    _kept: dict[tuple[str, int, int], tuple[Floats, Floats, Floats]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     @classmethod
     def tabulate(
@@ -140,14 +150,44 @@ class Reference:
         return float(np.arcsinh(self.top_m_s / self.bend_m_s))
 
     def part(self, which: int, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
-        """Return FORCE, VISCOUS, BOUNDARY or SHEAR at the given points, (n,), N."""
+        """Return FORCE, VISCOUS, BOUNDARY or SHEAR at the given points, (n,), N; not to be written to."""
+        return self._once(str(which), lambda v, p: self._looked_up(which, v, p), velocity_m_s, pressure_Pa)
+
+    def force(self, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
+        """Return F(v, p), (n,), N; not to be written to."""
+        return self.part(FORCE, velocity_m_s, pressure_Pa)
+
+    def level(self, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
+        """Return the level F / S of friction in steady sliding, (n,), N: what stands behind the smooth sign.
+
+        Not to be written to.
+        """
+        return self._once("level", self._level, velocity_m_s, pressure_Pa)
+
+    def _level(self, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
+        moving = np.maximum(np.abs(velocity_m_s), LOWEST * self.sign_velocity_m_s)
+        return np.asarray(self._looked_up(FORCE, moving, pressure_Pa) / self.smooth_sign(moving))
+
+    def _looked_up(self, which: int, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
         out = np.empty(velocity_m_s.size)
         _lookups(self.tables[which], self.pressures_Pa, self.bend_m_s, self.reach, velocity_m_s, pressure_Pa, out)
         return out
 
-    def force(self, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
-        """Return F(v, p), (n,), N."""
-        return self.part(FORCE, velocity_m_s, pressure_Pa)
+    def _once(
+        self, name: str, make: Callable[[Floats, Floats], Floats], velocity_m_s: Floats, pressure_Pa: Floats
+    ) -> Floats:
+        """Return what is made of these very arrays, from the last few that were asked for."""
+        if velocity_m_s.size == 1:  # a live sample
+            return make(velocity_m_s, pressure_Pa)
+        key = name, id(velocity_m_s), id(pressure_Pa)
+        kept = self._kept.get(key)
+        if kept is None or kept[0] is not velocity_m_s or kept[1] is not pressure_Pa:
+            made = make(velocity_m_s, pressure_Pa)
+            made.setflags(write=False)
+            while self._kept and len(self._kept) >= min(KEPT, KEPT_BYTES // max(1, made.nbytes)):
+                del self._kept[next(iter(self._kept))]
+            kept = self._kept[key] = velocity_m_s, pressure_Pa, made
+        return kept[2]
 
     def smooth_sign(self, velocity_m_s: Floats) -> Floats:
         """Return S = tanh(v / v_s), (n,)."""

@@ -14,7 +14,6 @@ from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import beyond_length, lengths
 from friction_estimator.effects.kernels import hysteron, play, rest_spike, slip_chain
 from friction_estimator.effects.reference import Reference
-from friction_estimator.effects.shapes import level
 from friction_estimator.effects.trace import Trace
 
 GAP_RATIO = 1.8
@@ -42,8 +41,8 @@ DWELL_POWERS = (0.25, 0.5)
 def relative_level(features: Features, reference: Reference) -> Floats:
     """Return the level that bristles carry in steady sliding, (n,), over that at low speed and medium pressure."""
     middle = np.array([float(np.mean(reference.pressures_Pa))])
-    usual = float(level(np.zeros(1), middle, reference)[0])
-    return level(features.velocity_m_s, features.pressure_Pa, reference) / (usual if abs(usual) > 0.0 else 1.0)
+    usual = float(reference.level(np.zeros(1), middle)[0])
+    return reference.level(features.velocity_m_s, features.pressure_Pa) / (usual if abs(usual) > 0.0 else 1.0)
 
 
 @effect

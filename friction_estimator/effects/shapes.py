@@ -9,7 +9,7 @@ import numpy as np
 
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.features import Features
-from friction_estimator.effects.reference import BEND, Reference
+from friction_estimator.effects.reference import BEND, LOWEST, Reference
 
 HATS = 6
 """Nodes from standstill to the top speed, closest at low speed."""
@@ -47,17 +47,7 @@ def place_of(share: float) -> Floats:
     return np.array([np.arcsinh(share * BEND) / np.arcsinh(BEND)])
 
 
-LOWEST = 0.1
-"""Share of the smooth sign's speed below which its ratio to the force is taken there."""
-
-
-def level(velocity_m_s: Floats, pressure_Pa: Floats, reference: Reference) -> Floats:
-    """Return the level F / S of friction in steady sliding, (n,), N: what stands behind the smooth sign."""
-    moving = np.maximum(np.abs(velocity_m_s), LOWEST * reference.sign_velocity_m_s)
-    return np.asarray(reference.force(moving, pressure_Pa) / reference.smooth_sign(moving))
-
-
 def sliding(features: Features, reference: Reference) -> Features:
-    """Return the features of a forward motion at the same speeds, none of them too slow for `level`."""
+    """Return the features of a forward motion at the same speeds, none of them too slow for the level."""
     moving = np.maximum(np.abs(features.velocity_m_s), LOWEST * reference.sign_velocity_m_s)
     return replace(features, velocity_m_s=moving, previous_m_s=moving)

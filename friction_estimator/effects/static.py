@@ -10,7 +10,7 @@ from friction_estimator.effects.base import Effect, Key, Params, Words, chosen, 
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.reference import Reference
-from friction_estimator.effects.shapes import FREE, HATS, LOW_SPEED, TWICE, hats, level, place_of, weights_at
+from friction_estimator.effects.shapes import FREE, HATS, LOW_SPEED, TWICE, hats, place_of, weights_at
 from friction_estimator.effects.trace import Trace
 
 SIGN_SHARE = 60.0
@@ -67,7 +67,7 @@ class DirectionAsymmetry(Effect):
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
             force = 0.5 * f.force_N * f.direction
             if shape >= FREE:
-                stands = 0.5 * np.abs(level(f.velocity_m_s, f.pressure_Pa, r))[:, None]
+                stands = 0.5 * np.abs(r.level(f.velocity_m_s, f.pressure_Pa))[:, None]
                 free = hats(f.velocity_m_s, r)[:, 1:]
                 return stands * free if shape < TWICE else np.column_stack([stands * free, 0.5 * r.top_N * free])
             if shape < 0.5:
