@@ -34,7 +34,7 @@ class Samples:
     restart : (n,) bool, True where the delay lines start anew (first sample, gap, backward jump).
     pressure_Pa : (n,) float64 or None, absolute pressure held at the sample, Pa; NaN before the first value.
     temperature_degC : (n,) float64 or None, held at the sample, degree Celsius; NaN before the first value.
-    position_m : (n,) float64 or None, shaft position held at the sample, m; NaN before the first value.
+    position_m : (n,) float64 or None, shaft position at the sample, m; NaN before the first value.
     position_shift_m : (n,) float64 or None, what was added to the recorded position where its encoder had wrapped, m.
     acceleration_m_s2 : (n,) float64 or None, of the same instant, from velocity (`intake.acceleration`), m/s^2; made
         where `load.terms` needs it.

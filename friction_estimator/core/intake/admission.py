@@ -7,8 +7,8 @@ from numpy.typing import ArrayLike
 
 from friction_estimator.core.intake.acceleration import AccelerationFilter
 from friction_estimator.core.intake.encoder import Encoder
-from friction_estimator.core.intake.pairing import POSITION, PRESSURE, USED, Pairer, Pairs, Sequencer
-from friction_estimator.core.intake.position import PositionIntegral
+from friction_estimator.core.intake.pairing import AGE, POSITION, PRESSURE, USED, Pairer, Pairs, Sequencer
+from friction_estimator.core.intake.position import CarriedPosition, PositionIntegral
 from friction_estimator.core.model.load import LoadTerms
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
@@ -42,7 +42,7 @@ class Intake:
     def __init__(self, config: Config, capacity: int | None = None) -> None:
         self.pairer = Pairer(config.sync, capacity)
         self.sequencer = Sequencer(config.sync)
-        self.encoder = Encoder()
+        self.encoder, self.carried = Encoder(), CarriedPosition()
         self.sign = float(config.input.friction_sign)
         self.pairer.follow(config.input)
         self.load = LoadTerms(config)
@@ -86,7 +86,7 @@ class Intake:
         if not used.all():
             stamp_ns, velocity_m_s, friction_N, held = (each[used] for each in vars(pairs).values())
             begins = restart[used]
-        position_m = held[:, POSITION - PRESSURE].copy()
+        position_m, age_s = held[:, POSITION - PRESSURE].copy(), held[:, AGE].copy()
         samples = Samples(
             stamp_ns=stamp_ns,
             velocity_m_s=velocity_m_s,
@@ -97,6 +97,7 @@ class Intake:
             position_shift_m=self.encoder.push(stamp_ns, velocity_m_s, begins, position_m),
             position_m=position_m,
         )
+        self.carried.push(stamp_ns, velocity_m_s, begins, position_m, age_s)
         if self._position is not None:
             self._position.fill(stamp_ns, velocity_m_s, begins, position_m)
         return self._unloaded(samples if self._acceleration is None else self._acceleration.push(samples))

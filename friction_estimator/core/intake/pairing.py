@@ -25,6 +25,9 @@ VELOCITY, FRICTION, PRESSURE, TEMPERATURE, POSITION = range(5)
 STREAMS = ("velocity", "friction", "pressure", "temperature", "position")
 
 HELD = 3
+AGE = HELD
+"""Place of the position's age beside the held channels of a sample."""
+
 HELD_MEMORY = 256
 """Values kept of each held channel, so that one that arrives early can wait for its samples."""
 
@@ -59,8 +62,9 @@ one, and the stamp of the first position."""
 class Pairs:
     """Joined samples: stamp of the friction message (ns), velocity (m/s), friction (N), each (n,).
 
-    `held` is (n, 3): pressure (absolute Pa), temperature (degC) and position (m), the last value stamped at or before
-    the sample; NaN before the first.
+    `held` is (n, 4): pressure (absolute Pa), temperature (degC) and position (m), the last value stamped at or before
+    the sample, and how much earlier the position was stamped (s); NaN before the first, the age also where a position
+    came without a stamp.
     """
 
     stamp_ns: Ints
@@ -96,6 +100,7 @@ def pair(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     held_value,
     held_count,
     held_now,
+    held_at,
     dropped,
     choice,
     clock,
@@ -174,8 +179,11 @@ def pair(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
             for position in range(newest, oldest - 1, -1):
                 if held_stamp[channel, position % HELD_MEMORY] <= out_stamp[joined]:
                     held_now[channel] = held_value[channel, position % HELD_MEMORY]
+                    held_at[channel] = held_stamp[channel, position % HELD_MEMORY]
                     break
             out_held[joined, channel] = held_now[channel]
+        at = held_at[POSITION - PRESSURE]
+        out_held[joined, AGE] = (out_stamp[joined] - at) / NS_PER_S if at != 0 else np.nan
         joined += 1
     return joined
 
@@ -208,7 +216,7 @@ class Pairer:
         self._held_stamp = np.zeros((HELD, HELD_MEMORY), np.int64)
         self._held_value = np.zeros((HELD, HELD_MEMORY))
         self._held_count = np.zeros(HELD, np.int64)
-        self._held_now = np.full(HELD, np.nan)
+        self._held_now, self._held_at = np.full(HELD, np.nan), np.zeros(HELD, np.int64)
         self._dropped = np.zeros(len(REASONS), np.int64)
         self._choice = np.zeros(4, np.int64)
         self.tracker = Tracker()
@@ -262,7 +270,7 @@ class Pairer:
         streams = np.broadcast_to(np.asarray(stream, np.int64), stamps.shape)
         out_stamp = np.empty(stamps.size, np.int64)
         velocity, friction = np.empty(stamps.size), np.empty(stamps.size)
-        held = np.empty((stamps.size, HELD))
+        held = np.empty((stamps.size, HELD + 1))
         n = pair(np.ascontiguousarray(streams), stamps, values, *self.arguments(out_stamp, velocity, friction, held))
         return Pairs(out_stamp[:n], velocity[:n], friction[:n], held[:n])
 
@@ -279,6 +287,7 @@ class Pairer:
             self._held_value,
             self._held_count,
             self._held_now,
+            self._held_at,
             self._dropped,
             self._choice,
             self.tracker.clock,

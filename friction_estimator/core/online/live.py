@@ -114,7 +114,7 @@ class LiveStep(Events):
         self._backlog: deque[Samples] = deque()
         self._build = build
         stamp, velocity, friction = np.zeros(CAPACITY, np.int64), np.zeros(CAPACITY), np.zeros(CAPACITY)
-        held = np.zeros((CAPACITY, HELD))
+        held = np.zeros((CAPACITY, HELD + 1))
         self._out = stamp, velocity, friction, held
         self._stamp, self._velocity, self._friction, self._held = stamp[:1], velocity[:1], friction[:1], held[:1]
         self._status, self._restart = np.zeros(1, np.int8), np.zeros(1, np.bool_)
@@ -143,8 +143,9 @@ class LiveStep(Events):
         pairing = intake.pairer.arguments(*self._out)
         admission = intake.sequencer.arguments(self._stamp, self._velocity, self._friction, self._status, self._restart)
         unwrapping = intake.encoder.arguments(self._stamp, self._velocity, self._restart, np.zeros(1), np.zeros(1))
+        carrying = intake.carried.arguments(self._stamp, self._velocity, self._restart, np.zeros(1), np.zeros(1))
         room = self.stream, self.stamp_ns, self.value
-        self._events = events_table(room, pairing, admission, unwrapping)
+        self._events = events_table(room, pairing, admission, unwrapping, carrying)
 
     def run(self, count: int, *, learn: bool, most: int | None = None) -> list[Prediction]:
         """Take the first `count` events of `stream`, `stamp_ns`, `value`, in order of arrival.

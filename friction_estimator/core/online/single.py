@@ -22,7 +22,8 @@ from friction_estimator.core.addresses import (
     ints,
 )
 from friction_estimator.core.intake.encoder import unwrap
-from friction_estimator.core.intake.pairing import POSITION, PRESSURE, TEMPERATURE, USED, admit, pair
+from friction_estimator.core.intake.pairing import AGE, POSITION, PRESSURE, TEMPERATURE, USED, admit, pair
+from friction_estimator.core.intake.position import carry
 from friction_estimator.core.model.basis import wavelet_rows
 from friction_estimator.core.model.theory_seal import SealCurve, seal_loop
 from friction_estimator.core.model.theory_stribeck import StribeckCurve, stribeck_loop
@@ -50,6 +51,7 @@ EVENTS = Layout(
     held_value=np.float64,
     held_count=np.int64,
     held_now=np.float64,
+    held_at=np.int64,
     dropped=np.int64,
     choice=np.int64,
     track_clock=np.int64,
@@ -66,26 +68,28 @@ EVENTS = Layout(
     position=np.float64,
     shift=np.float64,
     turns=np.float64,
+    carried=np.float64,
 )
-"""What `receive` takes: room for events, and what `pair`, `admit` and `unwrap` take, scalars of these in arrays."""
+"""What `receive` takes: room for events, and what `pair`, `admit`, `unwrap` and `carry` take, scalars in arrays."""
 
 _E = EVENTS.at
 
 
-def events_table(room: Arrays, pairing: Arrays, admission: Arrays, unwrapping: Arrays) -> Addresses:
+def events_table(room: Arrays, pairing: Arrays, admission: Arrays, unwrapping: Arrays, carrying: Arrays) -> Addresses:
     """Return what `receive` takes.
 
     Parameters
     ----------
     room : for stream, stamp and value of events.
-    pairing : what `pair` takes behind them. admission, unwrapping : what `admit` and `unwrap` take, for one sample.
+    pairing : what `pair` takes behind them. admission, unwrapping, carrying : what `admit`, `unwrap` and `carry`
+        take, for one sample.
     """
     slop_ns, *paired = pairing
     *_, gap_factor, jump_ns, clock, periods, counts, status, restart = admission
     settings = np.array([slop_ns, jump_ns], np.int64), np.array([gap_factor], np.float64)
     admitted = clock, periods, counts, status, restart
     return EVENTS.addresses(
-        **dict(zip(_E._fields, [*room, *settings, *paired, *admitted, *unwrapping[-3:]], strict=True))
+        **dict(zip(_E._fields, [*room, *settings, *paired, *admitted, *unwrapping[-3:], carrying[-1]], strict=True))
     )
 
 
@@ -217,6 +221,7 @@ def receive(table, sample, count, alone, learns):  # type: ignore[no-untyped-def
         float_rows(table, _E.held_value),
         ints(table, _E.held_count),
         floats(table, _E.held_now),
+        ints(table, _E.held_at),
         ints(table, _E.dropped),
         ints(table, _E.choice),
         ints(table, _E.track_clock),
@@ -244,8 +249,9 @@ def receive(table, sample, count, alone, learns):  # type: ignore[no-untyped-def
         position = floats(table, _E.position)
         position[0] = held[0, POSITION - PRESSURE]
         if status[0] == USED and np.isfinite(position[0]):
-            # Nothing here depends on it, but turns are counted from sample to sample.
+            # Nothing here depends on it, but turns and way are counted from sample to sample.
             unwrap(own, speed, restart, position, floats(table, _E.shift), floats(table, _E.turns))
+            carry(own, speed, restart, position, held[0, AGE : AGE + 1], floats(table, _E.carried))
         if status[0] != USED:
             return REFUSED
         _prepare(sample, learns)
