@@ -87,10 +87,48 @@ def test_the_way_of_a_position_of_another_scale_is_learned(scale):
     assert np.abs(got.position_m - scale * PLACE)[N // 2 :].max() < 0.3 * held
 
 
-def test_a_position_that_is_set_anew_is_no_motion():
-    moved = PLACE + np.where(TIME > 10.0, 3.0, 0.0)
+@pytest.mark.parametrize("when_s", [0.3, 10.0])
+def test_a_position_that_is_set_anew_is_no_motion(when_s):
+    moved = PLACE + np.where(when_s < TIME, 3.0, 0.0)
     got = taken(moved, range(0, N, 5))
-    assert np.abs(got.position_m - moved)[2010:].max() < 1e-4
+    assert np.abs(got.position_m - moved)[round(when_s * RATE) + 10 :].max() < 1e-4
+
+
+@pytest.mark.parametrize("noise", [1e-12, 1e-7, 1e-5])
+def test_noise_at_a_standstill_says_nothing_of_the_way(noise):
+    """Position over velocity was noise over noise: at the first motion the position went 46 m away."""
+    rng = np.random.default_rng(4)
+    speed = np.where(TIME > 8.0, 0.1 * np.sign(np.sin(np.pi * (TIME - 8.0))), 0.0)
+    place = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) / RATE)])
+    velocity = speed + noise * rng.standard_normal(N)
+    position = place + 1e3 * min(noise, 1e-8) * rng.standard_normal(N)
+    got = taken(position, range(0, N, 10), velocity=velocity)
+    held = np.abs(place[np.arange(N) // 10 * 10] - place).max()
+    assert np.abs(got.position_m - place).max() <= held * 1.05
+    assert np.abs(got.position_m - place)[10 * RATE :].max() < 0.02 * held
+
+
+def test_what_a_biased_velocity_says_of_a_shaft_that_stands_is_no_way():
+    speed = np.where(np.abs(TIME - 10.0) > 5.0, SPEED, 0.0)
+    place = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) / RATE)])
+    counts = 1e-5 * np.round(place / 1e-5)
+    got = taken(counts, range(0, N, 10), velocity=speed + 1e-3)
+    held = np.abs(place[np.arange(N) // 10 * 10] - place).max()
+    assert np.abs(got.position_m - place)[SINCE:].max() < 0.05 * held
+
+
+def test_stamps_that_are_nanoseconds_apart_end_nothing():
+    start = 1_700_000_000 * NS_PER_S
+    stamps = start + np.round(TIME * NS_PER_S).astype(np.int64)
+    stamps[301] = stamps[300] + 50
+    got = taken(PLACE, [*range(0, 300, 10), 301, *range(310, N, 10)], stamp_ns=stamps)
+    assert np.isfinite(got.position_m).all()
+
+
+def test_a_position_that_does_not_come_back_stays_near_those_seen():
+    got = taken(PLACE, range(0, N // 4), velocity=SPEED + 0.1)
+    reach = np.ptp(PLACE[: N // 4])
+    assert np.abs(got.position_m).max() < 2.0 * reach
 
 
 def test_a_position_that_stops_coming_goes_on_with_the_velocity():

@@ -10,15 +10,19 @@ from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Ints
 SAME_S = 1e-6
 """A position's age grows by the time between samples, to this, until a newer one has come; s."""
 
-MEMORY = 256.0
-"""Changes of the position over which their ratio to the integral of the velocity is taken."""
+FEWEST, EXPLAINED = 3.0, 0.9
+"""A position is carried on after so many changes, while so much of their power is what the velocity says of them."""
 
-FEWEST = 3.0
-"""Changes of the position from which its way over that of the velocity is known: before, it is held."""
+MEMORY = 1.0 - 1.0 / 64.0
+"""Weight of a change after one more."""
 
-USUAL, WILD, GROWTH = 10.0, 8.0, 2.0
-"""After the first number of changes one of the second number times the largest before is a position that is set anew,
-and no motion; that largest one may grow by the third factor at once."""
+WILD = 8.0
+"""A change of this many times the largest before, which the velocity does not say, is a position that is set anew;
+where the way is beyond all before as well, the shaft has begun to move."""
+
+BEYOND = 0.5
+"""Of the range of all positions seen, beside two of the largest change: how far beyond it one may be carried, when no
+more of them come."""
 
 LATE = 4.0
 """Samples by which a position may come late, for the way since its stamp to be told by the last two velocities."""
@@ -27,11 +31,11 @@ LINGERS, RELAX = 1.5, 1.02
 """A value that is shown again is taken for one that was not renewed, for so many times the shortest time between two
 changes; that one grows by the second factor at each change."""
 
-AGE, TRAVELLED, WAY, SURE, TOLD, VELOCITY, AT, RATIO, POWER, COUNT, LARGEST, CHANGED, SHORTEST = range(13)
+AGE, TRAVELLED, WAY, SURE, TOLD, VELOCITY, AT, CHANGED, SHORTEST, LARGEST, LOW, HIGH, XX, XY, YY, COUNT = range(16)
 """Places in the state: age of the position at the last sample (NaN before the first); integral of the velocity since it
-was stamped, and that from its last change to the stamp; whether these are all of the way (0 over a gap); its value,
-velocity and time of the last sample; changes of the position over those integrals, mean square of these, and their
-number; the largest change, the time of the last one, and the shortest time between two."""
+was stamped, and that from its last change to the stamp; whether this is all of the way (0 over a gap); its value,
+velocity and time of the last sample; time of the last change, the shortest time between two, and the largest one; the
+range of the values; of changes y and ways x the sums of x^2, x y and y^2, which forget, and how many there were."""
 
 
 @njit(cache=True, nogil=True)
@@ -42,14 +46,16 @@ def carry(stamp, velocity, restart, position, age, state):  # type: ignore[no-un
         if np.isnan(told) or np.isnan(age[k]):
             state[AGE] = np.nan
             continue
-        known = not (restart[k] or np.isnan(state[AGE]))
-        step = now - state[AT] if known else 0.0
+        step = now - state[AT] if not (restart[k] or np.isnan(state[AGE])) else 0.0
+        known = step > 0.0  # also where stamps are closer than seconds since 1970 tell as a float
         moved = 0.5 * (v + state[VELOCITY]) * step
         until = step - age[k]  # from the last sample to the stamp
         newer = not age[k] > state[AGE] + step - SAME_S  # also where there was none before
         again = told == state[TOLD]
         if again and newer and known and state[SHORTEST] > LINGERS * step:
             newer = now - state[CHANGED] > LINGERS * state[SHORTEST]
+            if newer:  # it stands: what a biased velocity says meanwhile is no way
+                state[SURE] = 0.0
         if again and not newer:
             state[TRAVELLED] += moved
             state[SURE] = state[SURE] if known else 0.0
@@ -72,25 +78,26 @@ def carry(stamp, velocity, restart, position, age, state):  # type: ignore[no-un
         if not known:
             state[CHANGED] = -np.inf
         state[AGE], state[TOLD], state[VELOCITY], state[AT] = age[k], told, v, now
-        if state[COUNT] >= FEWEST:
-            position[k] = told + state[RATIO] * state[TRAVELLED]
+        state[LOW], state[HIGH] = min(state[LOW], told), max(state[HIGH], told)
+        if state[COUNT] >= FEWEST and state[XY] * state[XY] > EXPLAINED * state[XX] * state[YY]:
+            there = told + state[XY] / state[XX] * state[TRAVELLED]
+            margin = BEYOND * (state[HIGH] - state[LOW]) + 2.0 * state[LARGEST]
+            position[k] = min(max(there, state[LOW] - margin), state[HIGH] + margin)
 
 
 @njit(cache=True)
-def _learn(change, travelled, state):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Take a change of the position into its ratio to the way that the velocity tells: least squares that forget."""
+def _learn(change, way, state):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Take in a change of the position, and the way that the velocity told meanwhile."""
     size = abs(change)
-    wild = state[COUNT] >= USUAL and size > WILD * state[LARGEST]
-    if state[COUNT] >= USUAL:
-        size = min(size, GROWTH * state[LARGEST])
-    state[LARGEST] = max(state[LARGEST], size)
-    if wild:
+    begins = way * way > state[XX]
+    said = abs(change * state[XX] - state[XY] * way) <= 0.5 * size * state[XX]
+    if state[COUNT] >= FEWEST and size > WILD * state[LARGEST] and not (begins or said):
         return
-    state[COUNT] = min(state[COUNT] + 1.0, MEMORY)
-    state[POWER] += (travelled * travelled - state[POWER]) / state[COUNT]
-    if state[POWER] > 0.0:
-        error = change - state[RATIO] * travelled
-        state[RATIO] += error * travelled / (state[COUNT] * state[POWER])
+    state[LARGEST] = max(state[LARGEST], size)
+    state[XX] = MEMORY * state[XX] + way * way
+    state[XY] = MEMORY * state[XY] + way * change
+    state[YY] = MEMORY * state[YY] + change * change
+    state[COUNT] += 1.0
 
 
 class CarriedPosition:
@@ -101,10 +108,11 @@ class CarriedPosition:
         x(t) = x_m + r int_{t_m}^{t} v dt,    t_m <= t the stamp of the last message
 
     by trapezoids; r, the position's way over that of the velocity (1 where their units and scales agree), is learned
-    from message to message, and the position held until it is. So is how often it is renewed: a drive may send a value
-    again that it took earlier. A position that is as old as its sample, and renewed as often, is left as it is, to the
-    bit. Where the way since the stamp is not known (over a gap, of a message that came late) it is held. Causal: live
-    and replay alike.
+    from message to message by least squares that forget. So is how often a position is renewed: a drive may send a
+    value again that it took earlier. One that is as old as its sample, and renewed as often, is left as it is, to the
+    bit. It is held where the way since the stamp is not known (over a gap, of a message that came late), and while the
+    velocity does not say its changes: noise at a standstill, a position that was set anew, few counts. Where none come
+    any more it stays near the positions seen. Causal: live and replay alike.
 
     Examples
     --------
@@ -121,8 +129,9 @@ class CarriedPosition:
     """
 
     def __init__(self) -> None:
-        self._state = np.zeros(13)
+        self._state = np.zeros(16)
         self._state[AGE], self._state[CHANGED] = np.nan, -np.inf
+        self._state[LOW], self._state[HIGH] = np.inf, -np.inf
 
     def push(self, stamp_ns: Ints, velocity_m_s: Floats, restart: Bools, position_m: Floats, age_s: Floats) -> None:
         """Carry `position_m` (n,) on in place; `age_s` (n,) is how much earlier than its sample it was stamped."""
