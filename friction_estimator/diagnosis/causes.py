@@ -1,6 +1,6 @@
 """What a search for causes found: the causes in their order, and the models with them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from friction_estimator.diagnosis.base_problem import BaseProblem
@@ -15,6 +15,11 @@ LATER_SHARE = 0.015
 """The same of a further cause that is held against nothing else, and beside causes of a remainder. What the form of an
 earlier cause, or the base's curve, leaves is no noise: in a record of 25,000 samples it passes every test, and what
 repeats with the drive looks like it (decision 0133)."""
+
+
+SMALL_SHARE = 0.02
+"""The same of one that brings less than `LEAST_SHARE` of the error power of the base alone: beside causes that explain
+nearly all, what their forms leave looks like a small one (decision 0189)."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +51,19 @@ class Cause:
         return replace(self, rivals=tuple(dict.fromkeys([*self.rivals, *close])))
 
 
+def least_further_N2(share: float, power_N2: float, causes: Sequence[Cause]) -> float:
+    """Return the gain that a cause beside others must bring, N^2: a share of the error power that these leave.
+
+    A larger one (`SMALL_SHARE`), unless it is `LEAST_SHARE` of what the base alone leaves.
+
+    >>> one = [Cause("inertia", None, gain=900.0, rivals=())]
+    >>> least_further_N2(0.006, 100.0, one), least_further_N2(0.006, 100.0, []), least_further_N2(0.006, 1.0, one)
+    (2.0, 0.6, 0.02)
+    """
+    alone = power_N2 + sum(cause.gain for cause in causes)
+    return max(share * power_N2, min(LEAST_SHARE * alone, SMALL_SHARE * power_N2))
+
+
 @dataclass(frozen=True)
 class Search:
     """What a search found.
@@ -70,4 +88,5 @@ class Search:
     @property
     def least_N2(self) -> float:
         """Gain below which what passes the test is a trace, N^2."""
-        return (LATER_SHARE if self.causes else LEAST_SHARE) * float(self.last_evidence.ee.sum())
+        power = float(self.last_evidence.ee.sum())
+        return least_further_N2(LATER_SHARE, power, self.causes) if self.causes else LEAST_SHARE * power

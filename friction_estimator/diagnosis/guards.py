@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from friction_estimator.diagnosis.candidate import Candidate, Model
-from friction_estimator.diagnosis.causes import LATER_SHARE, Cause
+from friction_estimator.diagnosis.causes import LATER_SHARE, Cause, least_further_N2
 from friction_estimator.diagnosis.views import SECOND_LEFT, Views
 from friction_estimator.effects.base import REVERSAL
 
@@ -88,7 +88,8 @@ class Guards:
         ):
             return False
         later = best.effect.delays or best.effect.acts == REVERSAL or self._views.lattice_N > 0.0
-        return best.by_evidence or best.gain >= (LATER_SHARE if later else FORMS_SHARE) * float(model.loss.sum())
+        least = least_further_N2(LATER_SHARE if later else FORMS_SHARE, float(model.loss.sum()), causes)
+        return best.by_evidence or best.gain >= least
 
     def apart(self, best: Candidate, weak: Sequence[Candidate]) -> bool:
         """Return whether a cause brings its share beside the better ones that may be another form of an earlier cause.
