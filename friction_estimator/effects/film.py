@@ -14,7 +14,6 @@ from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import beyond_time, times
 from friction_estimator.effects.kernels import DELAY_LINE, delayed_film_speed, film_speed, on_film
 from friction_estimator.effects.reference import BOUNDARY, FORCE, SHEAR, Reference
-from friction_estimator.effects.shapes import sliding
 from friction_estimator.effects.trace import Trace
 
 
@@ -189,7 +188,7 @@ class FrictionalLag(Effect):
     def level_on_film(cls, params: Params, features: Features, reference: Reference) -> Floats:
         """Return the level of friction on the film over that at the velocity, (n,)."""
         film, out = film_of(features, reference, params, np.zeros(DELAY_LINE)), np.empty(features.size)
-        r, moving = reference, sliding(features, reference).velocity_m_s
+        r, moving = reference, reference.moving(features.velocity_m_s)
         tables = r.tables[FORCE], r.tables[BOUNDARY], r.tables[SHEAR], r.pressures_Pa, r.bend_m_s, r.reach
         on_film(moving, film, features.pressure_Pa, r.sign_velocity_m_s, params.get("rest", 0.0), *tables, out)
         stands = r.force(moving, features.pressure_Pa)

@@ -164,8 +164,12 @@ class Reference:
         """
         return self._once("level", self._level, velocity_m_s, pressure_Pa)
 
+    def moving(self, velocity_m_s: Floats) -> Floats:
+        """Return the speed, (n,), m/s, nowhere so low that the smooth sign tells no level."""
+        return np.maximum(np.abs(velocity_m_s), LOWEST * self.sign_velocity_m_s)
+
     def _level(self, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
-        moving = np.maximum(np.abs(velocity_m_s), LOWEST * self.sign_velocity_m_s)
+        moving = self.moving(velocity_m_s)
         return np.asarray(self._looked_up(FORCE, moving, pressure_Pa) / self.smooth_sign(moving))
 
     def _looked_up(self, which: int, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:

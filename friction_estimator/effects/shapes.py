@@ -9,7 +9,7 @@ import numpy as np
 
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.features import Features
-from friction_estimator.effects.reference import BEND, LOWEST, Reference
+from friction_estimator.effects.reference import BEND, Reference
 
 HATS = 6
 """Nodes from standstill to the top speed, closest at low speed."""
@@ -49,5 +49,5 @@ def place_of(share: float) -> Floats:
 
 def sliding(features: Features, reference: Reference) -> Features:
     """Return the features of a forward motion at the same speeds, none of them too slow for the level."""
-    moving = np.maximum(np.abs(features.velocity_m_s), LOWEST * reference.sign_velocity_m_s)
+    moving = reference.moving(features.velocity_m_s)
     return replace(features, velocity_m_s=moving, previous_m_s=moving)
