@@ -16,7 +16,15 @@ project = "friction_estimator"
 author = copyright = "friction_estimator developers"
 version = release = __version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "generated", "house_docstrings", "reachable"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "decision_list",
+    "generated",
+    "house_docstrings",
+    "reachable",
+]
 root_doc = "docs/index"
 source_suffix = {".md": "markdown"}
 include_patterns = ["*.md", "docs/**", "benchmarks/**", "bags/*.md", "test/hard/*.md"]

@@ -12,6 +12,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import decision_list
 import effect_catalogue
 import example_figures
 import parameter_reference
@@ -24,6 +25,7 @@ PICTURES = Path("docs/generated")
 MARK = re.compile(r"^<!-- site: (?P<words>[^>]+?) -->$", re.MULTILINE)
 
 MAKERS: dict[str, Callable[..., str]] = {
+    "decisions": decision_list.markdown,
     "diagnosis": example_figures.diagnosis,
     "effects": effect_catalogue.markdown,
     "figure": example_figures.markdown,
