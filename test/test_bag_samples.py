@@ -180,7 +180,7 @@ for bag in sys.argv[-2:]:
     print(1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """
 
-LONG = 350_000
+LONG = 200_000
 
 
 @pytest.fixture(scope="module")

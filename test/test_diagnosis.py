@@ -166,7 +166,7 @@ def test_a_pressure_that_changes_once_leaves_what_changed_with_it_open(hidden: s
 
 
 def test_the_same_seed_gives_the_same_answer() -> None:
-    samples = record(["presliding:size=0.03"], segments=abba()[:4])
+    samples = record(["inertia:size=0.03"], segments=abba()[:4])
     one = as_json(diagnose([samples], Config(), seed=4), ["a"], {}, None, Quantities())
     other = as_json(diagnose([samples], Config(), seed=4), ["a"], {}, None, Quantities())
     assert one == other
@@ -199,7 +199,7 @@ def test_too_little_data_cannot_answer() -> None:
 
 
 def test_the_extended_model_predicts_what_the_base_cannot(tmp_path: Path) -> None:
-    samples = record(["position_dependence:size=0.04,wavelength=0.004", "presliding:size=0.03"])
+    samples = record(["position_dependence:size=0.04,wavelength=0.004", "presliding:size=0.03"], segments=abba()[:4])
     result = diagnose([samples], Config())
     write_config(tmp_path / "extended.yaml", extended_config(result))
     extended = read_config(tmp_path / "extended.yaml")

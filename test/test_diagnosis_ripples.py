@@ -24,7 +24,7 @@ def with_ripple(samples: Samples, forward_N: float, backward_N: float, wavelengt
     return replace(samples, friction_N=samples.friction_N + amplitude * wave)
 
 
-@pytest.mark.parametrize("plant", ["clean", "rig"])
+@pytest.mark.parametrize("plant", ["clean", "film_lag"])
 def test_a_second_ripple_is_found_with_the_first(plant: str) -> None:
     """Of half the first one's size, and no harmonic of it; the extended model has both."""
     samples = record([FIRST], plant=plant, segments=abba()[:4])
@@ -47,7 +47,7 @@ def test_a_second_ripple_is_found_with_the_first(plant: str) -> None:
     assert all("second_wavelength=" in t for t in terms)
 
 
-@pytest.mark.parametrize(("plant", "beside"), [("rig", []), ("clean", ["presliding:size=0.04"])])
+@pytest.mark.parametrize(("plant", "beside"), [("tabulated", []), ("clean", ["presliding:size=0.04"])])
 def test_one_ripple_has_no_second(plant: str, beside: list[str]) -> None:
     found = diagnose([record([FIRST, *beside], plant=plant, segments=abba()[:4])], Config())
     ripple = next(e for e in found.effects if e.name == "position_dependence")

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_records import names, record
+from diagnosis_records import abba, names, record, set_of
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import Capacity
@@ -112,6 +112,16 @@ def test_bristles_that_never_slip_are_no_presliding() -> None:
         some = carried.copy()
         some[place] = 0.3
         assert (bristles.spans(params, some, context) is not None) == refused
+
+
+def test_a_likeness_is_a_rival_where_more_is_left_than_the_two_differ_by() -> None:
+    """The rig is rougher than the theory: wear there has the shape that the theory's viscous part has (0190)."""
+    traits = ("direction_asymmetry", "pressure_dependence", "frictional_lag")
+    some = {name: EFFECTS[name] for name in (*traits, "wear", "viscosity_drift")}
+    samples = record(["wear:size=0.08,length=0.5,form=1"], plant="rig", segments=abba()[:4])
+    slow = [one for one in diagnose([samples], Config(), catalogue=some).effects if one.name not in traits]
+    assert slow
+    assert all("wear" in set_of(one) for one in slow)
 
 
 def test_a_difference_below_what_no_cause_explains_makes_a_rival() -> None:

@@ -125,7 +125,7 @@ class Candidates:
         return best
 
     def in_best_forms(self, model: Model, fits: Mapping[str, Candidate], close: float) -> dict[str, Candidate]:
-        """Return candidates by name without those that only look like a cause, those near the best in their best forms.
+        """Return candidates by name, those near the best in their best forms; what only looks like a cause is `belied`.
 
         Near is what brings this share of the best one's gain; times of the whole force are with one of them, too: where
         the base's memory has taken up nearly all, what a plain form gets wrong is all that is left. So is what jumps
@@ -139,7 +139,7 @@ class Candidates:
         shaped = dict(fits) | {c.name: self.shaped(model, c) for c in near}
         left = {name: c for name, c in shaped.items() if not c.belied}
         # Without a likeness others are near.
-        return shaped if len(left) == len(shaped) else self.in_best_forms(model, left, close)
+        return shaped if len(left) == len(shaped) else shaped | self.in_best_forms(model, left, close)
 
     def settle(self, model: Model, after: Model, left_N2: float) -> None:
         """Forget the fits beside a model whose cause is chosen, but for what `apart` asks: they hold the samples.

@@ -57,7 +57,8 @@ class Comparison:
         view = self._views.of(model)
         fits = self._compared(model, out)
         plain = dict(fits)
-        fits = self._fits.in_best_forms(model, fits, CLOSE)
+        shaped = self._fits.in_best_forms(model, fits, CLOSE).values()
+        fits = {c.name: c for c in shaped if not c.belied}
         if not fits:
             return None
         best = plainest(max(fits.values(), key=lambda c: c.gain), list(fits.values()))
@@ -76,8 +77,12 @@ class Comparison:
             # Of equals the one whose cause was recorded is named: it needs no cause that nobody saw.
             best = measured
             same = equals(best, list(fits.values()))
-        close = sorted((c for c in fits.values() if c.gain > CLOSE * best.gain), key=lambda c: -c.gain)
-        behind = {c.name: best.gain - c.gain for c in close if c.name != best.name and not needs_memory(best, c)}
+        # A likeness has another cause's shape: that is held against it by as much as the model explains of the record.
+        others = [*fits.values(), *(c for c in shaped if c.belied)]
+        close = sorted((c for c in others if c.gain > CLOSE * best.gain), key=lambda c: -c.gain)
+        behind = {
+            c.name: max(best.gain - c.gain, 0.0) for c in close if c.name != best.name and not needs_memory(best, c)
+        }
         return best, tuple(dict.fromkeys([*(c.name for c in same), *self._by_design(best.effect)])), behind
 
     def _compared(self, model: Model, out: Collection[str]) -> dict[str, Candidate]:
