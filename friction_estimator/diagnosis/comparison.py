@@ -77,12 +77,12 @@ class Comparison:
             # Of equals the one whose cause was recorded is named: it needs no cause that nobody saw.
             best = measured
             same = equals(best, list(fits.values()))
-        # A likeness has another cause's shape: that is held against it by as much as the model explains of the record.
-        others = [*fits.values(), *(c for c in shaped if c.belied)]
-        close = sorted((c for c in others if c.gain > CLOSE * best.gain), key=lambda c: -c.gain)
-        behind = {
-            c.name: max(best.gain - c.gain, 0.0) for c in close if c.name != best.name and not needs_memory(best, c)
-        }
+        # A likeness has another cause's shape, which a model that misses more than the two differ by says nothing of.
+        # What it explains beyond the best one counts as nothing.
+        alike_only = [c for c in shaped if c.belied]
+        close = sorted((c for c in [*fits.values(), *alike_only] if c.gain > CLOSE * best.gain), key=lambda c: -c.gain)
+        behind = {c.name: best.gain - c.gain for c in close if c.name != best.name and not needs_memory(best, c)}
+        behind |= {c.name: max(behind[c.name], 0.0) for c in alike_only if c.name in behind}
         return best, tuple(dict.fromkeys([*(c.name for c in same), *self._by_design(best.effect)])), behind
 
     def _compared(self, model: Model, out: Collection[str]) -> dict[str, Candidate]:
