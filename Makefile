@@ -15,7 +15,7 @@ demo: $(VENV)/.installed
 	$(BIN)/python -m friction_estimator.cli.demo --out demo_out
 
 test: $(VENV)/.installed
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup --durations 20 $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup --durations 20 --ignore test/hard $(PYTEST_ARGS)
 
 # The long attacks of docs/reliability.md: minutes to hours. One of them: make hard PYTEST_ARGS=test/hard/hard_kills.py
 hard: $(VENV)/.installed

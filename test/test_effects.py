@@ -243,6 +243,21 @@ def test_columns_do_not_depend_on_how_the_record_is_cut(
         np.testing.assert_array_equal(np.concatenate(parts), whole)
 
 
+@ALL
+def test_points_side_by_side_have_the_columns_of_each(
+    name: str, context: Context, reference: Reference, features: Features
+) -> None:
+    """Whatever makes them together, for neighbours, for points far apart, and in pieces."""
+    cls, all_points = EFFECTS[name], points(EFFECTS[name], context)
+    for some in (all_points[:1], all_points[:9], all_points[-9:], all_points[:: max(1, len(all_points) // 7)]):
+        if not some:
+            continue
+        each = np.concatenate([cls.columns(params)(features, reference) for params in some], axis=1)
+        together = cls.side_by_side(some)
+        made = np.concatenate([together(features[part], reference) for part in (np.s_[:701], np.s_[701:])])
+        np.testing.assert_allclose(made, each, rtol=0.0, atol=1e-11 * max(1.0, float(np.abs(each).max())))
+
+
 @pytest.mark.parametrize(
     "name",
     [n for n, c in EFFECTS.items() if c.columns.__func__ is not Effect.columns.__func__],  # type: ignore[attr-defined]

@@ -10,14 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from friction_estimator.core.sample import Floats
+from friction_estimator.core.sums import parts
 from friction_estimator.diagnosis.evidence import Evidence, Rule
 from friction_estimator.diagnosis.moments import Moments, Piece, Stack
 from friction_estimator.effects.base import Effect
-from friction_estimator.effects.columns import Columns, RunningForce
+from friction_estimator.effects.columns import RunningForce
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.reference import Reference
 
-AT_ONCE = 16
+AT_ONCE = 32
 """Columns whose inner products are formed together."""
 
 UNKNOWN_WITHOUT = ("pressure",)
@@ -101,15 +102,13 @@ class Machines:
     """The columns of one effect at several points, piece by piece: each goes on where the piece before it ended."""
 
     def __init__(self, effect: type[Effect], points: Sequence[dict[str, float]]) -> None:
-        self._machines: list[Columns] = [effect.columns(params) for params in points]
-        self._step = max(1, AT_ONCE // self._machines[0].size)
+        step = max(1, AT_ONCE // effect.columns(points[0]).size)
+        self._machines = [(here, effect.side_by_side(points[here])) for here in parts(len(points), step)]
 
     def __call__(self, features: Features, reference: Reference) -> Iterator[tuple[slice, Floats]]:
         """Yield some hypotheses' numbers and their columns side by side, (n_part, hypotheses c)."""
-        for start in range(0, len(self._machines), self._step):
-            some = self._machines[start : start + self._step]
-            made = [machine(features, reference) for machine in some]
-            yield slice(start, start + len(some)), made[0] if len(made) == 1 else np.concatenate(made, axis=1)
+        for here, machine in self._machines:
+            yield here, machine(features, reference)
 
 
 def columns_of(effect: type[Effect], params: dict[str, float], features: Features, reference: Reference) -> Floats:

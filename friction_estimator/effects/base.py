@@ -15,7 +15,7 @@ from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.quantities import either
 from friction_estimator.core.registry import Registry
 from friction_estimator.core.sample import Floats
-from friction_estimator.effects.columns import Columns
+from friction_estimator.effects.columns import Columns, SideBySide
 from friction_estimator.effects.detection import ORDER, DataView, Fault
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.reference import Reference
@@ -213,6 +213,11 @@ class Effect:
     def columns(cls, params: Params) -> Columns:
         """Return the causal machine that makes the columns for one parameter set."""
         raise NotImplementedError
+
+    @classmethod
+    def side_by_side(cls, points: Sequence[Params]) -> Columns | SideBySide:
+        """Return a machine that makes the columns of several parameter sets, beside each other."""
+        return SideBySide([cls.columns(params) for params in points])
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003

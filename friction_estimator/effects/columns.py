@@ -51,6 +51,18 @@ class Columns:
         return out
 
 
+class SideBySide:
+    """Several machines as one: their columns beside each other, (n, sum of sizes)."""
+
+    def __init__(self, machines: Sequence[Columns]) -> None:
+        self._machines = machines
+
+    def __call__(self, features: Features, reference: Reference) -> Floats:
+        """Return the columns for the next samples, (n, sum of sizes)."""
+        made = [machine(features, reference) for machine in self._machines]
+        return made[0] if len(made) == 1 else np.concatenate(made, axis=1)
+
+
 def through_fir(step_s: Floats, values: Floats, taps: Floats, ring: Floats) -> Floats:
     """Return values through the FIR [1, taps], normalised to gain one; `ring` carries the delay line."""
     out = np.empty(values.shape)

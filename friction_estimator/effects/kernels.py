@@ -295,3 +295,22 @@ def waves(position, direction, wavelength, out):  # type: ignore[no-untyped-def]
         out[k, 0] = out[k, 1] = out[k, 2] = out[k, 3] = 0.0
         out[k, place] = np.cos(angle)
         out[k, place + 1] = np.sin(angle)
+
+
+@njit(cache=True)
+def wave_comb(position, direction, first, step, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """`waves` of the wave numbers first, first + step, ... (waves per metre), four columns each.
+
+    Each follows from the one before it by a rotation, which costs a tenth of a cosine and a sine.
+    """
+    for k in range(position.size):
+        turn, more = position[k] * first, position[k] * step
+        angle, by = 2.0 * np.pi * (turn - np.floor(turn)), 2.0 * np.pi * (more - np.floor(more))
+        cos, sin, cos_by, sin_by = np.cos(angle), np.sin(angle), np.cos(by), np.sin(by)
+        ahead = direction[k] > 0.0
+        for j in range(0, out.shape[1], 4):
+            out[k, j] = cos if ahead else 0.0
+            out[k, j + 1] = sin if ahead else 0.0
+            out[k, j + 2] = 0.0 if ahead else cos
+            out[k, j + 3] = 0.0 if ahead else sin
+            cos, sin = cos * cos_by - sin * sin_by, sin * cos_by + cos * sin_by

@@ -1,20 +1,25 @@
 """What repeats with time or with the place: lines and ripples."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from friction_estimator.core.quantities import POSITION, quantity
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import Effect, Key, Params, Words, chosen, effect, form_key
-from friction_estimator.effects.columns import RECORDINGS, Columns, amplitudes, own_phases, several
+from friction_estimator.effects.columns import RECORDINGS, Columns, SideBySide, amplitudes, own_phases, several
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import longest_piece_s
-from friction_estimator.effects.kernels import waves
+from friction_estimator.effects.kernels import wave_comb, waves
 from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.spectrum import SLOWEST, ripple_power, ripple_wavelengths, spectral_lines
 from friction_estimator.effects.trace import Trace
 
 LEAST_APART = 1.0
 """Waves on the stroke by which a second ripple must differ from the first one: beside it there are its flanks."""
+
+EVEN = 1e-9
+"""Share of their distance by which evenly spaced wave numbers may differ from it: rounding."""
 
 FLANKS = 0.25
 """Of the power of a wave beside a ripple: what one as far on the other side has where both are flanks of a ripple whose
@@ -91,6 +96,22 @@ class PositionDependence(Effect):
             return own_phases(made, f, params)
 
         return Columns(compute, 4 * len(lengths) * round(params.get(RECORDINGS, 1.0)), of_force=modulates)
+
+    @classmethod
+    def side_by_side(cls, points: Sequence[Params]) -> Columns | SideBySide:
+        """Return the machine for several parameter sets; evenly spaced plain waves are made from one another."""
+        waves_m = 1.0 / np.array([params["wavelength"] for params in points])
+        apart = np.diff(waves_m)
+        if len(points) < 2 or any(len(params) > 1 for params in points) or np.ptp(apart) > EVEN * abs(apart[0]):
+            return super().side_by_side(points)
+        first, step, size = float(waves_m[0]), float(apart[0]), 4 * len(points)
+
+        def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
+            out = np.empty((f.size, size))
+            wave_comb(f.position_m, f.direction, first, step, out)
+            return out
+
+        return Columns(compute, size)
 
     @classmethod
     def _lengths(cls, params: Params) -> list[float]:
