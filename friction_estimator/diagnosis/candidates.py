@@ -93,7 +93,10 @@ class Candidates:
         return self._shaped[key]
 
     def _in_variant(self, model: Model, best: Candidate) -> Candidate:
-        """Return the candidate in its variant that explains more than its further parameters do by chance."""
+        """Return the candidate in its variant that explains more than its further parameters do by chance.
+
+        One that is `belied` by that has its name in that form only.
+        """
         for form in best.effect.variants(best.term.params):
             # Each time of a film, or of the whole force, forms the base's products anew, and its other form is late
             # by the same time: that of the whole, the base's memory with it.
@@ -106,8 +109,7 @@ class Candidates:
                 continue
             better = other.gain - best.gain > beyond_chance(best, other)
             if better and other.belied:
-                best = replace(best, belied=True)
-                continue
+                return other
             # A form of which nothing can be told is refused: the cause with it, although a plainer one tells it.
             if better and (self.known_sign(other) or not self.known_sign(best)):
                 best = other
@@ -138,8 +140,11 @@ class Candidates:
         near = [c for c in fits.values() if c.gain > close * best.gain or as_sharp(best.effect, c.effect)]
         shaped = dict(fits) | {c.name: self.shaped(model, c) for c in near}
         left = {name: c for name, c in shaped.items() if not c.belied}
+        if len(left) == len(shaped):
+            return shaped
         # Without a likeness others are near.
-        return shaped if len(left) == len(shaped) else shaped | self.in_best_forms(model, left, close)
+        likenesses = {name: c for name, c in shaped.items() if c.belied}
+        return likenesses | self.in_best_forms(model, left, close)
 
     def settle(self, model: Model, after: Model, left_N2: float) -> None:
         """Forget the fits beside a model whose cause is chosen, but for what `apart` asks: they hold the samples.

@@ -29,6 +29,9 @@ MEASURED_SHARE = 0.25
 CLOSE = 0.6
 """Of the best gain: what a candidate of another family must bring to be compared with the best one cause ahead."""
 
+FLOOR_KNOWN = 0.04
+"""Share of the error power to which the noise floor is known, and so what no cause explains (decision 0190)."""
+
 OPTIONS = 4
 """Candidates that are compared so, the best included."""
 
@@ -77,12 +80,15 @@ class Comparison:
             # Of equals the one whose cause was recorded is named: it needs no cause that nobody saw.
             best = measured
             same = equals(best, list(fits.values()))
-        # A likeness has another cause's shape, which a model that misses more than the two differ by says nothing of.
-        # What it explains beyond the best one counts as nothing.
-        alike_only = [c for c in shaped if c.belied]
-        close = sorted((c for c in [*fits.values(), *alike_only] if c.gain > CLOSE * best.gain), key=lambda c: -c.gain)
+        close = [c for c in fits.values() if c.gain > CLOSE * best.gain]
         behind = {c.name: best.gain - c.gain for c in close if c.name != best.name and not needs_memory(best, c)}
-        behind |= {c.name: max(behind[c.name], 0.0) for c in alike_only if c.name in behind}
+        # A likeness has another cause's shape, of which a model that misses more than the two differ by says nothing.
+        # What it explains beyond the best one counts as nothing.
+        unsure_N2 = FLOOR_KNOWN * float(best.model.loss.sum())
+        for one in shaped:
+            if one.belied and one.name != best.name and one.gain > CLOSE * best.gain and not needs_memory(best, one):
+                behind[one.name] = max(best.gain - one.gain, 0.0) + unsure_N2
+        behind = dict(sorted(behind.items(), key=lambda item: item[1]))
         return best, tuple(dict.fromkeys([*(c.name for c in same), *self._by_design(best.effect)])), behind
 
     def _compared(self, model: Model, out: Collection[str]) -> dict[str, Candidate]:

@@ -13,6 +13,7 @@ from friction_estimator.diagnosis.comparison import Comparison
 from friction_estimator.diagnosis.guards import FORMS_SHARE, Guards
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.views import Catalogue, Views
+from friction_estimator.effects.base import SLOW
 from friction_estimator.effects.detection import SMOOTHED, Fault
 from friction_estimator.effects.features import Context
 
@@ -104,9 +105,11 @@ class Searcher:
                 asked.append(best.name)
                 continue
             p_value = view.p_value(best.effect, best.held_N2) if by_data else None
-            # What explains as much, but of a size that the record does not tell, is not named; nor is it ruled out.
-            as_good = [c.name for c in equals(best, [r.one for r in refused if r.unsized]) if equals(c, [best])]
-            rivals = tuple(dict.fromkeys([*rivals, *as_good]))
+            # What explains as much, but of a size that the record does not tell, is not named; nor is it ruled out. Of
+            # slow changes nor is one that explains more: over how long it goes on is what the record does not tell.
+            as_good = equals(best, [r.one for r in refused if r.unsized])
+            as_good = [c for c in as_good if equals(c, [best]) or c.effect.acts == best.effect.acts == SLOW]
+            rivals = tuple(dict.fromkeys([*rivals, *(c.name for c in as_good)]))
             causes.append(Cause(best.name, p_value, best.gain, rivals, behind))
             models.append(best.model)
             self.fits.settle(model, best.model, self.views.left_N2(best.model))
