@@ -56,12 +56,13 @@ def save(figure: Figure, folder: str | os.PathLike[str], name: str, formats: Seq
     """Write a figure to `folder` in each format; return the first file. The same figure gives the same bytes."""
     paths = [Path(folder) / f"{name}.{each}" for each in formats]
     # Each writing would lay it out anew, and draw it once more for that: it is laid out here, and has no engine then.
-    if (engine := figure.get_layout_engine()) is not None:
-        engine.execute(figure)
-        with mpl.rc_context({"figure.constrained_layout.use": False}):
+    # That has to be the default meanwhile, to which every writing returns.
+    with mpl.rc_context({"figure.constrained_layout.use": False}):
+        if (engine := figure.get_layout_engine()) is not None:
+            engine.execute(figure)
             figure.set_layout_engine(None)
-    for path, each in zip(paths, formats, strict=True):
-        figure.savefig(path, format=each, metadata={"Date": None} if each == "svg" else None)
+        for path, each in zip(paths, formats, strict=True):
+            figure.savefig(path, format=each, metadata={"Date": None} if each == "svg" else None)
     return paths[0]
 
 
