@@ -7,21 +7,27 @@ site takes to build.
 from pathlib import Path
 from typing import Any
 
-FOLDER = "docs/decisions/"
-INDEX = f"{FOLDER}README"
+DECISIONS = Path(__file__).parents[1] / "decisions"
+
+NAMED = "docs/decisions/"
+"""How the names of their pages begin for Sphinx."""
+
+INDEX = f"{NAMED}README"
 
 
-def markdown(pictures: Path, _address: str) -> str:
+def markdown(_pictures: Path, _address: str) -> str:
     """Return a list of the pages of the decisions, oldest first."""
-    pages = sorted((pictures.parents[1] / FOLDER).glob("[0-9]*.md"))
-    titles = (page.read_text(encoding="utf-8").partition("\n")[0].lstrip("# ") for page in pages)
-    return "\n".join(f"- [{title}]({page.name})" for title, page in zip(titles, pages, strict=True))
+    return "\n".join(f"- [{_title(page)}]({page.name})" for page in sorted(DECISIONS.glob("[0-9]*.md")))
+
+
+def _title(page: Path) -> str:
+    return page.read_text(encoding="utf-8").partition("\n")[0].lstrip("# ")
 
 
 def stands_alone(app: Any, _doctree: Any) -> None:
     """Tell Sphinx that a decision is in no table of contents."""
     page = app.env.docname
-    if page.startswith(FOLDER) and page != INDEX:
+    if page.startswith(NAMED) and page != INDEX:
         app.env.metadata[page]["orphan"] = True
 
 

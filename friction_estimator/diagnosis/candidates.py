@@ -139,11 +139,11 @@ class Candidates:
             return {}
         near = [c for c in fits.values() if c.gain > close * best.gain or as_sharp(best.effect, c.effect)]
         shaped = dict(fits) | {c.name: self.shaped(model, c) for c in near}
-        left = {name: c for name, c in shaped.items() if not c.belied}
-        if len(left) == len(shaped):
-            return shaped
-        # Without a likeness others are near.
         likenesses = {name: c for name, c in shaped.items() if c.belied}
+        if not likenesses:
+            return shaped
+        # Without them others are near.
+        left = {name: c for name, c in shaped.items() if name not in likenesses}
         return likenesses | self.in_best_forms(model, left, close)
 
     def settle(self, model: Model, after: Model, left_N2: float) -> None:

@@ -80,16 +80,10 @@ class Comparison:
             # Of equals the one whose cause was recorded is named: it needs no cause that nobody saw.
             best = measured
             same = equals(best, list(fits.values()))
-        close = [c for c in fits.values() if c.gain > CLOSE * best.gain]
-        behind = {c.name: best.gain - c.gain for c in close if c.name != best.name and not needs_memory(best, c)}
-        # A likeness has another cause's shape, of which a model that misses more than the two differ by says nothing.
-        # What it explains beyond the best one counts as nothing.
-        unsure_N2 = FLOOR_KNOWN * float(best.model.loss.sum())
-        for one in shaped:
-            if one.belied and one.name != best.name and one.gain > CLOSE * best.gain and not needs_memory(best, one):
-                behind[one.name] = max(best.gain - one.gain, 0.0) + unsure_N2
-        behind = dict(sorted(behind.items(), key=lambda item: item[1]))
-        return best, tuple(dict.fromkeys([*(c.name for c in same), *self._by_design(best.effect)])), behind
+        others = [c for c in (*fits.values(), *(c for c in shaped if c.belied)) if c.name != best.name]
+        close = [c for c in others if c.gain > CLOSE * best.gain and not needs_memory(best, c)]
+        behind = sorted(((c.name, _behind_N2(best, c)) for c in close), key=lambda item: item[1])
+        return best, tuple(dict.fromkeys([*(c.name for c in same), *self._by_design(best.effect)])), dict(behind)
 
     def _compared(self, model: Model, out: Collection[str]) -> dict[str, Candidate]:
         """Refit the best candidates jointly with base and earlier causes."""
@@ -162,3 +156,13 @@ class Comparison:
             recorded = [name for name, cls in self._views.catalogue.items() if cls.recorded]
             return [name for name in recorded if self._views.catalogue[name].channel in self._views.context.channels]
         return []
+
+
+def _behind_N2(best: Candidate, other: Candidate) -> float:
+    """Return by how much less another candidate explains, N^2.
+
+    A likeness has another cause's shape, of which a model that misses more than the two differ by says nothing; what it
+    explains beyond the best one counts as nothing.
+    """
+    behind_N2 = best.gain - other.gain
+    return max(behind_N2, 0.0) + FLOOR_KNOWN * float(best.model.loss.sum()) if other.belied else behind_N2

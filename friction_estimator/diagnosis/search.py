@@ -107,9 +107,12 @@ class Searcher:
             p_value = view.p_value(best.effect, best.held_N2) if by_data else None
             # What explains as much, but of a size that the record does not tell, is not named; nor is it ruled out. Of
             # slow changes nor is one that explains more: over how long it goes on is what the record does not tell.
-            as_good = equals(best, [r.one for r in refused if r.unsized])
-            as_good = [c for c in as_good if equals(c, [best]) or c.effect.acts == best.effect.acts == SLOW]
-            rivals = tuple(dict.fromkeys([*rivals, *(c.name for c in as_good)]))
+            as_good = [
+                c.name
+                for c in equals(best, [r.one for r in refused if r.unsized])
+                if equals(c, [best]) or c.effect.acts == best.effect.acts == SLOW
+            ]
+            rivals = tuple(dict.fromkeys([*rivals, *as_good]))
             causes.append(Cause(best.name, p_value, best.gain, rivals, behind))
             models.append(best.model)
             self.fits.settle(model, best.model, self.views.left_N2(best.model))

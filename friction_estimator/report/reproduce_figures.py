@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import PlaceHolderLayoutEngine
 from matplotlib.ticker import MaxNLocator
 
 from friction_estimator.core.model.theory_seal import SealCurve
@@ -99,8 +98,8 @@ def figure_3() -> Figure:
         (np.linspace(0.0, 400.0, 17), "pressure (psi)", "at 130 °F", lambda y: (y * PA_PER_PSI, celsius(130.0))),
         (np.linspace(60.0, 200.0, 15), "temperature (°F)", "at 200 psi", lambda y: (200.0 * PA_PER_PSI, celsius(y))),
     ]
-    # A constrained layout knows nothing of surfaces; with none at all, saving a second time would bring it back.
-    figure = Figure(figsize=(11, 4.8), layout=PlaceHolderLayoutEngine(True, True))
+    figure = Figure(figsize=(11, 4.8))
+    figure.set_layout_engine("none")  # a constrained layout knows nothing of surfaces
     for column, (levels, name, title, at) in enumerate(surfaces):
         axes: Any = figure.add_axes((0.01 + 0.49 * column, 0.03, 0.47, 0.97), projection="3d")
         height = np.array([curve.evaluate(v, *(np.full(v.size, x) for x in at(level))) for level in levels])
