@@ -41,13 +41,15 @@ ABANDONED_S = 600.0
 """A file that is being written takes milliseconds; one of this age was left by a process that was killed."""
 
 
-def njit(*signatures: Any, cache: bool = False, **options: Any) -> Any:
+def njit(*signatures: Any, cache: bool = False, restrict: bool = False, **options: Any) -> Any:
     """Compile a function in numba's nopython mode.
 
     Parameters
     ----------
     signatures : one, to compile at once; none, to compile for the arguments of each first call.
     cache : keep the compiled forms on disk.
+    restrict : as C's word: the arrays that it is handed overlap nowhere. Vector loops then begin at once; a caller
+        that breaks the promise gets wrong results.
     options : as of `numba.njit`.
 
     Examples
@@ -62,6 +64,8 @@ def njit(*signatures: Any, cache: bool = False, **options: Any) -> Any:
     def compiled(function: Callable[..., Any]) -> Any:
         # Without the wrapper for callers in C, of whom there are none: a tenth of the compilation.
         dispatcher = numba.njit(no_cfunc_wrapper=True, **options)(function)
+        if restrict and hasattr(dispatcher, "_compiler"):
+            dispatcher._compiler._customize_flags = _without_overlap
         # numba would search all that is installed for extensions with types of their own: no argument here has one.
         dispatcher._compilation_chain_init_hook = _nothing
         if cache and hasattr(dispatcher, "enable_caching"):  # a plain function where NUMBA_DISABLE_JIT is set
@@ -78,6 +82,12 @@ def njit(*signatures: Any, cache: bool = False, **options: Any) -> Any:
 
 def _nothing() -> None:
     """Do nothing."""
+
+
+def _without_overlap(flags: Any) -> Any:
+    """Return numba's flags with the one that no option of `numba.njit` sets."""
+    flags.noalias = True
+    return flags
 
 
 def cache_folder(source: Path) -> Path | None:

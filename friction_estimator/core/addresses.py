@@ -178,6 +178,16 @@ def floats(table, place):  # type: ignore[no-untyped-def] # pragma: no cover - c
 
 
 @njit(forceinline=True)
+def lines(table, place, before):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return the whole cache lines of a float array that was `placed`, from `before` entries in front of it.
+
+    Where all vectors of a sum or a step lie so, none is half stored and half read, and nothing is left over.
+    """
+    size = -(-(before + table[place, 1]) // LINE) * LINE
+    return carray(_pointer(table[place, 0] - before * 8), (size,), np.float64)
+
+
+@njit(forceinline=True)
 def float_rows(table, place):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Return the float array at a place of the table, (n, m)."""
     return carray(_pointer(table[place, 0]), (table[place, 1], table[place, 2]), np.float64)

@@ -99,19 +99,16 @@ def usual_variance(errors, cell, unknown):  # type: ignore[no-untyped-def] # pra
 
     Where a cell in reach has clearly larger errors, theirs count; `unknown` where none in reach was seen.
     """
-    power = product = 0.0
-    seen = skipped = False
+    power = product = most = 0.0
+    fewest = np.inf
+    # Without a branch: what was not seen has neither power nor product.
     for near in range(max(0, cell - REACH), min(errors.shape[0], cell + REACH + 1)):
         row = errors[near]
-        if row[COUNT] > 0.0:
-            seen = True
-            power = max(power, row[POWER])
-            product = max(product, row[PRODUCT])
-        else:
-            skipped = True
-    if not seen:
+        fewest, most = min(fewest, row[COUNT]), max(most, row[COUNT])
+        power, product = max(power, row[POWER]), max(product, row[PRODUCT])
+    if most == 0.0:
         return unknown
-    if skipped:
+    if fewest == 0.0:
         return SPARSE_FACTOR * power + MISFIT_FACTOR * product
     own = errors[cell]
     if power < CLEARLY * own[POWER] and product < CLEARLY * max(own[PRODUCT], SCATTER * own[POWER]):

@@ -40,7 +40,7 @@ def push(shape, ring, ring_theory, status, index, value, theory, restart):  # ty
     for k in range(row.size):
         row[k] = 0.0
     for k in range(index.size):
-        row[index[k]] = value[k]
+        row[np.uint32(index[k])] = value[k]  # unsigned: else each entry is asked whether it counts from the end
     if restart:
         for i in range(1, taps):
             for k in range(row.size):
@@ -51,7 +51,8 @@ def push(shape, ring, ring_theory, status, index, value, theory, restart):  # ty
         ring_theory[status[HEAD] % ring_theory.size] = theory
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+# Without numba's reference counts, which parts of arrays would have: ten calls a sample.
+@njit(cache=True, restrict=True, _nrt=False, fastmath={"reassoc", "contract"})
 def regress(shape, theta, ring, ring_theory, status, extension, x):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Fill the gradient x and return the prediction.
 

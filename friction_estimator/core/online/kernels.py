@@ -21,6 +21,7 @@ from friction_estimator.core.addresses import (
     floats,
     int32_rows,
     ints,
+    lines,
 )
 from friction_estimator.core.fit.band import EXTRAPOLATION, note_error, usual_variance
 from friction_estimator.core.intake.standstill import stands, stopping
@@ -199,7 +200,7 @@ def run(law_number, samples, work):  # type: ignore[no-untyped-def] # pragma: no
 
     shape, theta = ints(work, _W.shape), floats(work, _W.theta)
     ring, ring_theory = float_rows(work, _W.ring), floats(work, _W.ring_theory)
-    root, prior, mean = float_rows(work, _W.root), floats(work, _W.prior), floats(work, _W.mean)
+    root, mean = float_rows(work, _W.root), floats(work, _W.mean)
     information, prior_root = float_rows(work, _W.information), float_rows(work, _W.prior_root)
     residual = floats(work, _W.residual)
     noise, owed, law = float_rows(work, _W.noise), floats(work, _W.owed), floats(work, _W.law)
@@ -210,8 +211,9 @@ def run(law_number, samples, work):  # type: ignore[no-untyped-def] # pragma: no
 
     n = theta.size
     begin = -shape[TAPS] % LINE
-    x = scratch[0, begin : begin + n]
-    projected, gain = scratch[1], scratch[2, :n]
+    x, projected, gain = scratch[0, begin : begin + n], scratch[1], scratch[2, begin : begin + n]
+    theta_lines, metric_lines = lines(work, _W.theta, begin), lines(work, _W.prior, begin)
+    x_lines, gain_lines = scratch[0, : theta_lines.size], scratch[2, : theta_lines.size]
     settled = shape[TAPS] - 1
     last = noise.shape[0] - 1
     follows = known.shape[1] > 0
@@ -298,7 +300,7 @@ def run(law_number, samples, work):  # type: ignore[no-untyped-def] # pragma: no
         else:
             status[at.FOLLOWS] = 0
         if law_number == LMS:
-            learn_lms(shape, theta, law, moments, status, x, error)
+            learn_lms(shape, theta, law, moments, status, theta_lines, x_lines, error)
             continue
         if clipped != error:
             status[at.CLIPPED] += 1
@@ -326,7 +328,7 @@ def run(law_number, samples, work):  # type: ignore[no-untyped-def] # pragma: no
                 )  # fmt: skip
                 continue
         if law_number == NLMS:
-            learn_nlms(shape, theta, ring, law, status, prior, x, clipped, gain)
+            learn_nlms(shape, theta, ring, law, status, theta_lines, metric_lines, x_lines, gain, gain_lines, clipped)
             continue
         # Of linear least squares the sum of e^2 / (1 + r) is the sum of the squares that a fit to all samples leaves.
         bounded = min(abs(error), max(limit, LARGEST_RESIDUAL))

@@ -8,7 +8,7 @@ from friction_estimator.compiled import njit
 from friction_estimator.core.model.prior import Prior
 from friction_estimator.core.online import workspace as at
 from friction_estimator.core.online.adaptation import LAWS
-from friction_estimator.core.online.steps import dot, normalise_taps, step_along
+from friction_estimator.core.online.steps import normalise_taps, powers, step_along
 from friction_estimator.core.sample import Floats
 from friction_estimator.core.settings.config import Config
 
@@ -20,7 +20,7 @@ LEAST_BACKOFF, RECOVERY = 1e-4, 1e-4
 
 
 @njit(no_cpython_wrapper=True, forceinline=True)
-def learn_lms(shape, theta, law, moments, status, x, error):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def learn_lms(shape, theta, law, moments, status, theta_lines, x_lines, error):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """A* = A + mu e F, A = A*/||A*||, W += mu e A(q) Psi, A1 += mu e F1.
 
     Guard: where mu |x|^2 > 1 the step would overshoot the sample that it learns from, the first sign of divergence.
@@ -28,14 +28,14 @@ def learn_lms(shape, theta, law, moments, status, x, error):  # type: ignore[no-
     Without the guard (`law[FLOOR]` 0) a diverging law stops at `LARGEST_PARAMETER`.
     """
     step = law[at.STEP] * moments[at.BACKOFF]
-    energy = dot(x, x)
+    energy, size = powers(x_lines, theta_lines)
     if law[at.FLOOR] > 0.0 and step * energy > 1.0:
         step = 1.0 / energy
         status[at.GUARDED] += 1
         moments[at.BACKOFF] = max(0.5 * moments[at.BACKOFF], LEAST_BACKOFF)
     elif moments[at.BACKOFF] < 1.0:
         moments[at.BACKOFF] = min(1.0, moments[at.BACKOFF] * (1.0 + RECOVERY))
-    if step_along(theta, x, energy, step * error, status):
+    if step_along(theta_lines, size, x_lines, energy, step * error, status):
         normalise_taps(shape, theta)
 
 

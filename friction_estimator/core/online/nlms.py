@@ -7,7 +7,7 @@ from friction_estimator.core.model.prediction import TAPS, WEIGHTS
 from friction_estimator.core.model.prior import Prior
 from friction_estimator.core.online import workspace as at
 from friction_estimator.core.online.adaptation import LAWS
-from friction_estimator.core.online.steps import normalise_taps, step_along, trusted
+from friction_estimator.core.online.steps import normalise_taps, step_along, tap_power, trusted
 from friction_estimator.core.sample import Floats
 from friction_estimator.core.settings.config import Config
 
@@ -16,32 +16,29 @@ NLMS = 1
 
 
 @njit(no_cpython_wrapper=True, forceinline=True, fastmath={"reassoc", "contract"})
-def learn_nlms(shape, theta, ring, law, status, metric, x, error, gain):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def learn_nlms(shape, theta, ring, law, status, theta_lines, metric_lines, x_lines, gain, gain_lines, error):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """theta += mu e D x / (eps + x' D x), one normaliser for all blocks, then the norm of A goes into W."""
-    energy = power = 0.0
-    for i in range(x.size):
-        direction = metric[i] * x[i]
-        gain[i] = direction
-        energy += direction * x[i]
+    energy = power = size = 0.0
+    for i in range(x_lines.size):
+        direction = metric_lines[i] * x_lines[i]
+        gain_lines[i] = direction
+        energy += direction * x_lines[i]
         power += direction * direction
+        size += theta_lines[i] * theta_lines[i]
     step = law[at.STEP] * error / (law[at.FLOOR] + energy)
     step = trusted(shape, ring, law, status, energy, gain, power, step)
-    if step_along(theta, gain, power, step, status):
+    if step_along(theta_lines, size, gain_lines, power, step, status):
         _move_norm_into_weights(shape, theta)
 
 
 @njit(no_cpython_wrapper=True, forceinline=True)
 def _move_norm_into_weights(shape, theta):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Normalise A and multiply W by its norm, where it has left [0.8, 1.25]: the output does not change."""
-    taps = shape[TAPS]
-    power = 0.0
-    for i in range(taps):
-        power += theta[i] * theta[i]
-    if 0.64 < power < 1.5625:
+    if 0.64 < tap_power(shape, theta) < 1.5625:
         return
     norm = normalise_taps(shape, theta)
     if norm > 0.0:
-        for i in range(taps, taps + shape[WEIGHTS]):
+        for i in range(shape[TAPS], shape[TAPS] + shape[WEIGHTS]):
             theta[i] *= norm
 
 

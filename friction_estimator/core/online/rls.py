@@ -75,7 +75,7 @@ def learn_rls(shape, theta, ring, law, moments, status, root, error, clipped, pr
     gamma = _shrinkage(whole, r)
     power = update(root, projected, gamma, gain, n, size)
     step = trusted(shape, ring, law, status, r, gain, power, given)
-    learned = step_along(theta, gain, power, step, status)
+    learned = step_along(theta, dot(theta, theta), gain, power, step, status)
     w = 0.0
     if learned:
         w = whole if step == given else _weight(_told_by(step, error, r, noise), r, noise, floor)
@@ -163,7 +163,8 @@ def without_noise(shape, theta, root, prior_root, noise, status, gain):  # type:
                 known = False
         noise[load, 1] = 0.0 if known else 1.0
         if known:
-            step_along(theta, gain, dot(gain, gain), seeming / (1.0 - seeming * r) * theta[start + load], status)
+            step = seeming / (1.0 - seeming * r) * theta[start + load]
+            step_along(theta, dot(theta, theta), gain, dot(gain, gain), step, status)
         gamma = (np.sqrt(1.0 + rise * r) - 1.0) / r
         for i in range(n):
             if i != start + load:
@@ -216,7 +217,7 @@ def pull(theta, root, mean, information, owed, moments, status, projected, gain)
             projected[j] += root[i, j] * force
     for i in range(n):
         gain[i] = dot(root[i], projected)
-    step_along(theta, gain, dot(gain, gain), -1.0, status)
+    step_along(theta, dot(theta, theta), gain, dot(gain, gain), -1.0, status)
 
 
 @LAWS.named("rls")

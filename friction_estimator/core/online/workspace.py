@@ -102,11 +102,12 @@ class Workspace:
     scratch: Floats = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Lay the arrays out as the compiled loops read them; theta so that its weights begin a line."""
+        """Lay the arrays out as the compiled loops read them; theta and its metric so that the weights begin a line."""
         for name in IN_LINES:
             object.__setattr__(self, name, placed(getattr(self, name)))
         taps, size = int(self.shape[prediction.TAPS]), self.theta.size
-        object.__setattr__(self, "theta", placed(self.theta, taps))
+        for name in ("theta", "prior"):
+            object.__setattr__(self, name, placed(getattr(self, name), taps))
         object.__setattr__(self, "scratch", placed_zeros((3, padded(size) + 2 * LINE)))
 
     def __reduce__(self) -> tuple[Any, ...]:
