@@ -34,7 +34,7 @@ def extended_config(result: Diagnosis) -> Config:
     The base's odd splines are projected on the wavelet basis over the velocities as they were used, that is repaired;
     the FIR and the theory's gain are taken over as they are. The terms' reference curve is taken at the temperature of
     the recordings, and no term goes beyond what was measured of its cause (`effects.extension`). A fault that the
-    model can take up becomes a term of coefficient one.
+    model can take up becomes a term of coefficient one, one that the intake can keep out a setting.
     """
     model = result.models[-1]
     units = chosen(result.config, result.record.features.velocity_m_s, result.record.friction_N)
@@ -49,14 +49,15 @@ def extended_config(result: Diagnosis) -> Config:
         "learned.wavelet_weights": (),
         "learned.extension_weights": (),
     }
-    units = units.updated(structure)
     specs, weights = terms_of(model)
     for finding in result.faults:
         effect = EFFECTS[finding.name]
+        structure.update(effect.repairing_settings(finding, result.config))
         params = effect.repairing_term(finding)
         if params is not None:
             specs.append(TermSpec(effect, params))
             weights.append(1.0)
+    units = units.updated(structure)
     shape = np.concatenate([[1.0], base.taps])
     norm = float(np.linalg.norm(shape))
     learned: dict[str, object] = {

@@ -15,6 +15,7 @@ from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.quantities import either
 from friction_estimator.core.registry import Registry
 from friction_estimator.core.sample import Floats
+from friction_estimator.core.settings.config import Config
 from friction_estimator.effects.columns import Columns, SideBySide
 from friction_estimator.effects.detection import ORDER, DataView, Fault
 from friction_estimator.effects.features import Context, Features
@@ -310,6 +311,11 @@ class Effect:
     def counted(cls, facts: Mapping[str, float]) -> Fault | None:  # noqa: ARG003
         """Return the fault that what was counted while reading shows (`diagnosis.streams`), or None."""
         return None
+
+    @classmethod
+    def repairing_settings(cls, fault: Fault, config: Config) -> dict[str, object]:  # noqa: ARG003
+        """Return the settings with which the intake keeps out by itself a fault that was found under `config`."""
+        return {}
 
     @classmethod
     def repairing_term(cls, fault: Fault) -> dict[str, float] | None:  # noqa: ARG003

@@ -7,6 +7,7 @@ import numpy as np
 from friction_estimator.core.intake.encoder import Encoder, wraps_undone
 from friction_estimator.core.quantities import POSITION, VELOCITY, quantity
 from friction_estimator.core.sample import Floats
+from friction_estimator.core.settings.config import Config
 from friction_estimator.effects.base import Effect, Key, Words, effect, form_key
 from friction_estimator.effects.detection import COMPLETELY, DIVIDED, SMOOTHED, DataView, Fault
 from friction_estimator.effects.scatter import MAD, held_levels, noise_under, smoothed, unrepeated_N2
@@ -183,6 +184,11 @@ class VelocityMismatch(Effect):
             DIVIDED,
             velocity_m_s=f.velocity_m_s / slope,
         )
+
+    @classmethod
+    def repairing_settings(cls, fault: Fault, config: Config) -> dict[str, object]:
+        """Return the gain by which the intake divides."""
+        return {"input.velocity_gain": config.input.velocity_gain * (1.0 + fault.parameters["gain"][0])}
 
 
 def _weighted_median(values: Floats, weight: Floats) -> float:

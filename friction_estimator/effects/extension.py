@@ -180,6 +180,11 @@ class ExtensionTerms:
         return np.array([spec.effect.has_phase for spec in self._specs], np.bool_)
 
     @property
+    def forces(self) -> Bools:
+        """Which columns are scaled, so that their coefficients are forces in N, (size,)."""
+        return np.array([spec.scale != 1.0 for spec in self._specs], np.bool_)
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Effect id of each term."""
         return tuple(spec.effect.name for spec in self._specs)

@@ -21,7 +21,7 @@ class Intake:
 
     Parameters
     ----------
-    config : `sync.*`, `input.friction_sign`, `input.velocity_from` and `load.*` are read.
+    config : `sync.*`, `input.friction_sign`, `input.velocity_from`, `input.velocity_gain` and `load.*` are read.
     capacity : messages kept per stream while they wait for a partner; `sync.queue` unless given.
 
     Attributes

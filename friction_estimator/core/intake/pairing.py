@@ -103,6 +103,7 @@ def pair(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     held_at,
     dropped,
     choice,
+    velocity_gain,
     clock,
     tracked,
     out_stamp,
@@ -112,7 +113,8 @@ def pair(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
 ):
     """Join events in arrival order; `queue` holds head and count of both rings and the last joined stamp.
 
-    A position is a velocity too where none is measured: the one that `track` finds at its stamp.
+    A position is a velocity too where none is measured: the one that `track` finds at its stamp. One that is measured is
+    divided by `velocity_gain`, (1,).
     """
     size = queue_stamp.shape[1]
     joined = 0
@@ -139,6 +141,7 @@ def pair(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
             if choice[MODE] == FROM_POSITION:
                 continue
             choice[HEARD] = 1
+            given /= velocity_gain[0]
         other = 1 - own
         best, best_distance = -1, slop_ns + 1
         for position in range(queue[2 + other]):
@@ -218,11 +221,12 @@ class Pairer:
         self._held_count = np.zeros(HELD, np.int64)
         self._held_now, self._held_at = np.full(HELD, np.nan), np.zeros(HELD, np.int64)
         self._dropped = np.zeros(len(REASONS), np.int64)
-        self._choice = np.zeros(4, np.int64)
+        self._choice, self._velocity_gain = np.zeros(4, np.int64), np.ones(1)
         self.tracker = Tracker()
 
     def follow(self, config: InputConfig) -> None:
-        """Take the velocity from where `velocity_from` says, from now on; see `WAIT_NS` where it leaves that open.
+        """Take the velocity as `velocity_from` and `velocity_gain` say, from now on; see `WAIT_NS` where the former
+        leaves it open.
 
         A JointState needs no wait: its position is handed over only where its velocity is empty. Messages without
         stamps are paired by time of receipt, which no position has.
@@ -231,6 +235,7 @@ class Pairer:
         if mode != self._choice[MODE]:
             self._choice[:] = 0
         self._choice[MODE] = mode
+        self._velocity_gain[0] = config.velocity_gain
         self._choice[WAIT] = 0 if config.mode == "joint_state" else WAIT_NS
 
     @property
@@ -290,6 +295,7 @@ class Pairer:
             self._held_at,
             self._dropped,
             self._choice,
+            self._velocity_gain,
             self.tracker.clock,
             self.tracker.state,
             out_stamp,

@@ -51,7 +51,10 @@ ASYMMETRY_WIDTH, ASYMMETRY_POINTS = 0.02, 512
 """Share of the speed scale over which that difference sets in, and points at which it is fitted with the basis."""
 
 EXTENSION_DEVIATION = 100.0
-"""Of a coefficient of an extension term, in the term's own unit: a diagnosis measured it, the data say the rest."""
+"""Of a coefficient of an extension term in a unit of the term's own, such as a mass: how large one is nobody knows."""
+
+EXTENSION_FORCE = 20.0
+"""The same in force units where the coefficient is a force: on every rig alike, and no more than it can be."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +95,9 @@ class Prior:
             step = ASYMMETRY_DEVIATION * even_step(model, nonlinear)
             nonlinear = nonlinear + np.outer(step, step)
             nonlinear[np.diag_indices_from(nonlinear)] *= 1.0 + LEAST_SHARE  # where the step is all there is
+        extension = np.full(extensions, EXTENSION_DEVIATION)
+        if model.extension is not None:
+            extension[model.extension.forces] = EXTENSION_FORCE * model.config.unit_N
         alone = not theory_taps or model.config.finds_stribeck
         shared = settings.tap_deviation * (1.0 if alone else PARALLEL_SHARE)
         decay = settings.tap_decay
@@ -102,7 +108,7 @@ class Prior:
             nonlinear,
             impulse_response(theory_taps, shared, decay, settings.theory_gain_deviation),
             np.diag([SHARE_DEVIATION**2 if part.load.follows else LOAD_DEVIATION**2 for part in model.load.unknown]),
-            EXTENSION_DEVIATION**2 * np.eye(extensions),
+            np.diag(extension**2),
         )
         tap = PARALLEL_METRIC_TAP if theory_taps else METRIC_TAP
         metric = [

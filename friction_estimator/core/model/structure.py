@@ -42,6 +42,10 @@ class Extension(Protocol):
     def phases(self) -> Bools:
         """Which columns are waves in time, (size,): their coefficients say nothing of another recording."""
 
+    @property
+    def forces(self) -> Bools:
+        """Which columns are scaled so that their coefficients are forces in N, (size,); others have units of their own."""
+
     def columns(self, samples: Samples, theory_N: Floats) -> Floats:
         """Return the terms' values for the next samples, (n, size), N; keeps its own delay lines."""
 

@@ -212,6 +212,14 @@ class InputConfig:
         choices=("auto", "topic", "position"),
         live=True,
     )
+    velocity_gain: float = setting(
+        1.0,
+        "Reported velocity over the true one: a velocity of the topic is divided by it, one that is made of the "
+        "position is not. For a channel of a wrong scale; a diagnosis tells it (velocity_mismatch).",
+        low=0.05,
+        high=20.0,
+        live=True,
+    )
     friction_sign: int = setting(
         1,
         "-1 for a sensor wired the other way (friction must be positive at positive velocity).",
