@@ -41,7 +41,7 @@ def loop_of(est: Estimator, samples: Samples) -> Callable[[], tuple[np.ndarray, 
     """Return the compiled loop alone, from the start, on rows and theory made before."""
     inputs, n = est.model.inputs(samples), len(samples)
     predicted, deviation = np.empty(n), np.empty(n)
-    batch = kernels.batch(inputs, samples.velocity_m_s, inputs.inside, predicted, deviation)
+    batch = kernels.batch(inputs, samples, inputs.inside, predicted, deviation)
 
     def body() -> tuple[np.ndarray, np.ndarray]:
         work = est.work.copy()

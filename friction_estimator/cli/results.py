@@ -99,7 +99,7 @@ def write_results(
         data_quality(taken, result.config, quantities, summary["samples"]),
         *provenance(words, [recording.path for recording in taken], result.config),
     ]
-    scores = side_by_side.scores_of(result)
+    scores = [(name, score) for name, score, _ in side_by_side.scores_of(result)]
     elsewhere = [*loads.section(result.loads, quantities), *_on_other_data(result, quantities)]
     page = replay_page(result, scores, summary, quantities, figures, elsewhere, details, fitted=fitted, words=words)
     write_page(folder / "report.html", page)

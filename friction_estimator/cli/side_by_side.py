@@ -7,7 +7,7 @@ import numpy as np
 from friction_estimator.cli import common
 from friction_estimator.core.fit.frozen_score import FrozenScore
 from friction_estimator.core.online.replay import Replay
-from friction_estimator.core.online.shortcomings import ONE_DIRECTION
+from friction_estimator.core.online.shortcomings import ONE_DIRECTION, InMotion
 from friction_estimator.core.quantities import FORCE, Quantities
 
 NAMES = {
@@ -25,25 +25,29 @@ STANDS = 0.02
 HEAD = ("without learning", "samples", "unit", "model", *NAMES.values())
 
 
-def scores_of(result: Replay) -> list[tuple[str, FrozenScore]]:
-    """Return what was predicted without learning, by name: the frozen part of the record, then other recordings."""
+def scores_of(result: Replay) -> list[tuple[str, FrozenScore, InMotion]]:
+    """Return what was predicted without learning, by name, and in motion alone: the frozen part of the record, then
+    other recordings.
+    """
     frozen = result.frozen_score
     name = "after --freeze-after" if result.learned.any() else "all samples"
-    return ([] if frozen is None else [(name, frozen)]) + [(other.name, other.score) for other in result.others]
+    own = [] if frozen is None else [(name, frozen, result.in_motion)]
+    return own + [(other.name, other.score, other.in_motion) for other in result.others]
 
 
 def rows(result: Replay, quantities: Quantities) -> list[tuple[str, ...]]:
-    """Return two rows of cells as `HEAD` names them for each of `scores_of`: nrmse, and rms error in newton or so."""
+    """Return rows of cells as `HEAD` names them for each of `scores_of`: nrmse, rms error in newton or so, and nrmse in
+    motion where the shaft stands for a while.
+    """
     out = []
-    for name, score in scores_of(result):
+    for name, score, moving in scores_of(result):
         values = [score.nrmse, *(score.baselines[key] for key in NAMES)]
         out.append((name, str(score.samples), "nrmse", *(_cell(value, 1.0) for value in values)))
         spread = quantities.value(score.spread_N, FORCE)
         out.append(("", "", quantities.force, *(_cell(value, spread) for value in values)))
-    moving = result.in_motion
-    if out and moving.standing_share > STANDS:
-        values = [moving.nrmse, *(moving.baselines.get(key) for key in NAMES)]
-        out.insert(2, ("of these in motion", str(moving.samples), "nrmse", *(_cell(value, 1.0) for value in values)))
+        if moving.standing_share > STANDS:
+            values = [moving.nrmse, *(moving.baselines.get(key) for key in NAMES)]
+            out.append(("of these in motion", str(moving.samples), "nrmse", *(_cell(value, 1.0) for value in values)))
     return out
 
 

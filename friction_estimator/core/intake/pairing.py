@@ -113,8 +113,8 @@ def pair(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
 ):
     """Join events in arrival order; `queue` holds head and count of both rings and the last joined stamp.
 
-    A position is a velocity too where none is measured: the one that `track` finds at its stamp. One that is measured is
-    divided by `velocity_gain`, (1,).
+    A position is a velocity too where none is measured: the one that `track` finds at its stamp. One that is measured
+    is divided by `velocity_gain`, (1,).
     """
     size = queue_stamp.shape[1]
     joined = 0

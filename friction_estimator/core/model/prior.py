@@ -56,6 +56,13 @@ EXTENSION_DEVIATION = 100.0
 EXTENSION_FORCE = 20.0
 """The same in force units where the coefficient is a force: on every rig alike, and no more than it can be."""
 
+MEASURED = 3.0
+"""Of the rms of the coefficients of one cause that a diagnosis measured, where it did: what hardly shows in a column,
+as a ripple where the shaft stands, does not make them a hundred times as large."""
+
+LEAST_MEASURED = 0.01
+"""Force units: the least of these deviations."""
+
 
 @dataclass(frozen=True)
 class Prior:
@@ -95,9 +102,7 @@ class Prior:
             step = ASYMMETRY_DEVIATION * even_step(model, nonlinear)
             nonlinear = nonlinear + np.outer(step, step)
             nonlinear[np.diag_indices_from(nonlinear)] *= 1.0 + LEAST_SHARE  # where the step is all there is
-        extension = np.full(extensions, EXTENSION_DEVIATION)
-        if model.extension is not None:
-            extension[model.extension.forces] = EXTENSION_FORCE * model.config.unit_N
+        mean[mean.size - extensions :], extension = measured_terms(model)
         alone = not theory_taps or model.config.finds_stribeck
         shared = settings.tap_deviation * (1.0 if alone else PARALLEL_SHARE)
         decay = settings.tap_decay
@@ -137,6 +142,23 @@ class Prior:
     def deviation(self) -> Floats:
         """Prior standard deviation of each parameter, (n,)."""
         return np.sqrt(np.diag(self.covariance))
+
+
+def measured_terms(model: Model) -> tuple[Floats, Floats]:
+    """Return mean and deviation of the coefficients of extension terms, (columns,): what a diagnosis knows of them."""
+    extension = model.extension
+    if extension is None:
+        return np.zeros(0), np.zeros(0)
+    unit_N, given = model.config.unit_N, model.config.learned.extension_weights
+    mean = np.array(given) if given else np.zeros(extension.size)
+    deviation = np.where(extension.forces, EXTENSION_FORCE * unit_N, EXTENSION_DEVIATION)
+    names = np.array(extension.names)
+    for name in set(extension.names):
+        of_it = extension.forces & (names == name)
+        if mean[of_it].any():
+            rms_N = float(np.sqrt(np.mean(np.square(mean[of_it]))))
+            deviation[of_it] = max(MEASURED * rms_N, LEAST_MEASURED * unit_N)
+    return mean, deviation
 
 
 def even_step(model: Model, covariance: Floats) -> Floats:

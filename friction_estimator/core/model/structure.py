@@ -39,12 +39,16 @@ class Extension(Protocol):
         """Number of columns."""
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Cause of each column."""
+
+    @property
     def phases(self) -> Bools:
         """Which columns are waves in time, (size,): their coefficients say nothing of another recording."""
 
     @property
     def forces(self) -> Bools:
-        """Which columns are scaled so that their coefficients are forces in N, (size,); others have units of their own."""
+        """Which columns are scaled so that their coefficients are forces in N, (size,)."""
 
     def columns(self, samples: Samples, theory_N: Floats) -> Floats:
         """Return the terms' values for the next samples, (n, size), N; keeps its own delay lines."""

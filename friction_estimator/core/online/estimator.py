@@ -150,8 +150,7 @@ class Estimator:
                 rest = slice(done, None)
                 here = slice(start + done, start + len(chunk))
                 inputs = self.model.inputs(chunk[rest], theory[rest], columns[rest])
-                velocity = chunk.velocity_m_s[rest]
-                batch = kernels.batch(inputs, velocity, learns[here], predicted[here], spread[here])
+                batch = kernels.batch(inputs, chunk[rest], learns[here], predicted[here], spread[here])
                 taken = kernels.run(self.law.number, batch.table, self.work.addresses.table)
                 ready = slice(here.start, here.start + taken if taken else here.stop)
                 predicted[ready] *= self.model.unit_N

@@ -24,7 +24,7 @@ from friction_estimator.core.addresses import (
     lines,
 )
 from friction_estimator.core.fit.band import EXTRAPOLATION, note_error, usual_variance
-from friction_estimator.core.intake.standstill import stands, stopping
+from friction_estimator.core.intake.standstill import stands, stays, stopping
 from friction_estimator.core.model.load import DOUBTFUL
 from friction_estimator.core.model.prediction import EXTENSIONS, TAPS, push, regress, rubbing
 from friction_estimator.core.model.structure import Inputs
@@ -43,7 +43,7 @@ from friction_estimator.core.online.recovery import (
 )
 from friction_estimator.core.online.rls import PULL_EVERY, RLS, learn_rls, mistaken, project, pull, without_noise
 from friction_estimator.core.online.steps import dot
-from friction_estimator.core.sample import Bools, Floats
+from friction_estimator.core.sample import Bools, Floats, Samples
 
 CLIP = 6.0
 """Errors beyond this many running rms are shortened before nlms and rls learn from them (Huber)."""
@@ -129,6 +129,8 @@ SAMPLES = Layout(
     cell=np.int64,
     beyond=np.float64,
     velocity=np.float64,
+    stamp=np.int64,
+    position=np.float64,
     theory=np.float64,
     extension=np.float64,
     column_noise=np.float64,
@@ -143,7 +145,8 @@ SAMPLES = Layout(
 """What `run` takes of n samples.
 
 index, value : (n, width), rows of Psi. cell : (n,), cell of the velocity. beyond : (n,), relative distance outside
-    the range. velocity : (n,), m/s. theory : (n,), d. extension : (n, columns).
+    the range. velocity : (n,), m/s. stamp : (n,), ns. position : (n,), m, NaN where unknown, or (0,).
+theory : (n,), d. extension : (n, columns).
     column_noise : (n, loads), variance of the noise in the columns of the load.
     known : (n, 1), known load, where the last of these is the sign of friction that follows the load, else (n, 0).
     target : (n,), measured friction.
@@ -155,14 +158,16 @@ predicted, deviation : (n,), filled with the a priori prediction and its standar
 _S, _W = SAMPLES.at, at.LAYOUT.at
 
 
-def batch(inputs: Inputs, velocity: Floats, learn: Bools, predicted: Floats, deviation: Floats) -> Addresses:
+def batch(inputs: Inputs, samples: Samples, learn: Bools, predicted: Floats, deviation: Floats) -> Addresses:
     """Return samples as `run` takes them; see `SAMPLES`. What it reads may be strided, what it fills may not."""
     read: dict[str, NDArray[Any]] = {
         "index": inputs.index,
         "value": inputs.value,
         "cell": inputs.cell,
         "beyond": inputs.beyond,
-        "velocity": velocity,
+        "velocity": samples.velocity_m_s,
+        "stamp": samples.stamp_ns,
+        "position": np.zeros(0) if samples.position_m is None else samples.position_m,
         "theory": inputs.theory,
         "extension": inputs.extension,
         "column_noise": inputs.noise,
@@ -196,6 +201,7 @@ def run(law_number, samples, work):  # type: ignore[no-untyped-def] # pragma: no
     extension, column_noise = float_rows(samples, _S.extension), float_rows(samples, _S.column_noise)
     column_doubt = float_rows(samples, _S.column_doubt)
     known, restart, learn = float_rows(samples, _S.known), bools(samples, _S.restart), bools(samples, _S.learn)
+    stamp, position = ints(samples, _S.stamp), floats(samples, _S.position)
     predicted, deviation = floats(samples, _S.predicted), floats(samples, _S.deviation)
 
     shape, theta = ints(work, _W.shape), floats(work, _W.theta)
@@ -222,7 +228,8 @@ def run(law_number, samples, work):  # type: ignore[no-untyped-def] # pragma: no
         push(shape, ring, ring_theory, status, index[k], value[k], theory[k], begins)
         status[at.SEEN] += 1
         scale = law[at.TOP_SPEED]
-        standing = stands(rest, velocity[k], begins, scale)
+        steady = position.size > 0 and stays(rest, position[k], velocity[k], stamp[k], begins, scale)
+        standing = stands(rest, velocity[k], begins, scale) or steady
         holding = hold[at.HOLDING] == 1.0
         if holding:
             # Scratch that the challenger's own prediction fills anew.

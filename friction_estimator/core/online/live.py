@@ -118,6 +118,7 @@ class LiveStep(Events):
         self._out = stamp, velocity, friction, held
         self._stamp, self._velocity, self._friction, self._held = stamp[:1], velocity[:1], friction[:1], held[:1]
         self._status, self._restart = np.zeros(1, np.int8), np.zeros(1, np.bool_)
+        self._position = np.full(1, np.nan)
         self._outcome = np.zeros(4)
         self._now: _Connected | None = None
         self._ahead: _Connected | None = None
@@ -142,8 +143,8 @@ class LiveStep(Events):
         self.intake = intake
         pairing = intake.pairer.arguments(*self._out)
         admission = intake.sequencer.arguments(self._stamp, self._velocity, self._friction, self._status, self._restart)
-        unwrapping = intake.encoder.arguments(self._stamp, self._velocity, self._restart, np.zeros(1), np.zeros(1))
-        carrying = intake.carried.arguments(self._stamp, self._velocity, self._restart, np.zeros(1), np.zeros(1))
+        one = self._stamp, self._velocity, self._restart, self._position, np.zeros(1)
+        unwrapping, carrying = intake.encoder.arguments(*one), intake.carried.arguments(*one)
         room = self.stream, self.stamp_ns, self.value
         self._events = events_table(room, pairing, admission, unwrapping, carrying)
 
@@ -310,6 +311,8 @@ class LiveStep(Events):
             value=row,
             cell=cell,
             velocity=velocity,
+            stamp=self._stamp,
+            position=self._position,
             extension=nothing,
             column_noise=nothing,
             column_doubt=nothing,

@@ -9,7 +9,7 @@ import numpy as np
 
 from friction_estimator.core import metrics, sums
 from friction_estimator.core.errors import UnanswerableError
-from friction_estimator.core.fit.baselines import fitted_in_turn
+from friction_estimator.core.fit.baselines import StaticCurve, fitted_in_turn
 from friction_estimator.core.fit.frozen_score import CURVES
 from friction_estimator.core.intake.standstill import standstill
 from friction_estimator.core.model.structure import Model
@@ -148,21 +148,42 @@ class RecordFigures:
             pass
         return self._rivals
 
+    @property
+    def curves_in_motion(self) -> dict[str, StaticCurve]:
+        """`CURVES` fitted to what moved of the samples learned from; none where none can be."""
+        for _ in self._curves_in_turn():
+            pass
+        return self._curves
+
     @cached_property
     def _rivals(self) -> dict[str, float]:
         return {}
 
-    def _rivals_in_turn(self) -> Iterator[None]:
-        if len(self._rivals) == len(CURVES):
+    @cached_property
+    def _curves(self) -> dict[str, StaticCurve]:
+        return {}
+
+    def _curves_in_turn(self) -> Iterator[None]:
+        if self._curves:
             return
-        measured, velocity, moves = self.samples.friction_N, self.samples.velocity_m_s, self.in_motion
         fitted = self.learned > self.standing if self.standing.any() else self.learned
-        if not np.count_nonzero(fitted) or not np.count_nonzero(moves) > 1:
+        if not np.count_nonzero(fitted):
             return
+        found: dict[str, StaticCurve] = {}
         try:
-            for name, curve in fitted_in_turn(velocity, measured, CURVES, fitted):
-                yield
-                self._rivals[name] = metrics.nrmse(measured, curve.over(velocity), moves, self.spread_in_motion_N)
+            for name, curve in fitted_in_turn(self.samples.velocity_m_s, self.samples.friction_N, CURVES, fitted):
+                found[name] = curve
                 yield
         except UnanswerableError:
             return
+        self._curves.update(found)
+
+    def _rivals_in_turn(self) -> Iterator[None]:
+        measured, velocity, moves = self.samples.friction_N, self.samples.velocity_m_s, self.in_motion
+        if not np.count_nonzero(moves) > 1:
+            return
+        yield from self._curves_in_turn()
+        for name, curve in self._curves.items():
+            if name not in self._rivals:
+                self._rivals[name] = metrics.nrmse(measured, curve.over(velocity), moves, self.spread_in_motion_N)
+                yield

@@ -44,12 +44,14 @@ class Judged:
     samples : its admitted samples.
     predicted_N : (n,), N.
     score : over all samples but those that follow a restart (the first sample is one) within the model's memory.
+    in_motion : over those of them at which the shaft does not stand.
     """
 
     name: str
     samples: Samples
     predicted_N: Floats
     score: FrozenScore
+    in_motion: InMotion
 
 
 @dataclass(frozen=True)
@@ -212,7 +214,24 @@ class Replay:
             )
         predicted = self.predict(samples, extension)
         theory = None if self.theory_in is None else self.estimator.model.theory_over(samples)
-        return Judged(name, samples, predicted, frozen_score(samples, predicted, theory, scored, self.baseline_curves))
+        score = frozen_score(samples, predicted, theory, scored, self.baseline_curves)
+        return Judged(name, samples, predicted, score, self._in_motion_of(samples, predicted))
+
+    def _in_motion_of(self, samples: Samples, predicted_N: Floats) -> InMotion:
+        """Return the score of another recording over its samples in motion, beside curves fitted to what moved here."""
+        nothing = np.broadcast_to(np.bool_(False), (len(samples),))
+        there = RecordFigures(samples, nothing, self.record.top_speed_m_s, self.record.memory)
+        velocity, moves, spread = samples.velocity_m_s, there.in_motion, there.spread_in_motion_N
+        curves = self.record.curves_in_motion if np.count_nonzero(moves) > 1 else {}
+        return InMotion(
+            samples=int(np.count_nonzero(moves)),
+            standing_share=there.standing_share,
+            nrmse=metrics.nrmse(samples.friction_N, predicted_N, moves, spread),
+            baselines={
+                name: metrics.nrmse(samples.friction_N, curve.over(velocity), moves, spread)
+                for name, curve in curves.items()
+            },
+        )
 
     def figures(self) -> dict[str, Any]:
         """Return the figures of merit of `replay --json`, under its names."""
@@ -248,6 +267,7 @@ class Replay:
                     "samples": len(other.samples),
                     "nrmse": other.score.nrmse,
                     "baselines": other.score.baselines,
+                    "in_motion": other.in_motion,
                 }
                 for other in self.others
             ],

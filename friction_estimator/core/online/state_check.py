@@ -72,6 +72,8 @@ def take_over(work: Workspace, arrays: Mapping[str, Any]) -> None:
         if item.name in at.CONSTANTS:
             continue
         ours, theirs = getattr(work, item.name), arrays.get(item.name)
+        if item.name == "rest" and isinstance(theirs, np.ndarray) and theirs.shape == (standstill.WITHOUT_POSITION,):
+            theirs = np.append(theirs, ours[standstill.WITHOUT_POSITION :])
         if item.name == "kept_root" and isinstance(theirs, np.ndarray) and theirs.shape == (0, *ours.shape[1:]):
             theirs = ours  # left out where nothing depends on it
         _check_array(item.name, theirs, ours, ours.shape)
@@ -133,7 +135,7 @@ def _sound(work: Workspace) -> Iterator[tuple[str, bool]]:
         "errors",
         bool(np.all(work.errors[:, [COUNT, POWER]] >= 0.0) and np.all(work.errors[:, COUNT] <= LARGEST_COUNT)),
     )
-    signed = [standstill.PREVIOUS, standstill.BEFORE, standstill.MEAN]
+    signed = [getattr(standstill, name) for name in ("PREVIOUS", "BEFORE", "MEAN", "PLACE", "AT", "WAY")]
     yield "rest", bool(np.all(np.delete(work.rest, signed) >= 0.0))
     hold = work.hold
     yield "hold", bool(np.all(np.delete(hold, at.SIDE) >= 0.0) and hold[at.SIDE] in (-1.0, 0.0, 1.0))
