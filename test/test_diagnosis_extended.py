@@ -119,13 +119,20 @@ def test_a_model_that_does_not_gain_on_held_out_data_is_not_offered(ripple: Diag
     assert not is_offered(replace(ripple, total_gain=poor))
 
 
-def test_on_another_recording_the_error_falls(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("rosbags")
+def two_drives(folder: Path, *effects: str) -> dict[str, str]:
+    """Record one drive to learn on and another one to judge on, of a plant with these effects; return their paths."""
     schedules = {"learned": "1:50:6,5:50:10,1:200:6,5:200:10,1:50:6,5:50:10", "other": "3:120:9,1.5:80:6:triangle"}
-    bags = {name: str(tmp_path / name) for name in schedules}
+    bags = {name: str(folder / name) for name in schedules}
+    hidden = [word for effect in effects for word in ("--effect", effect)]
     for seed, (name, schedule) in enumerate(schedules.items()):
         made = ["simulate", "--out", bags[name], "--plant", "clean", "--rate", "200", "--seed", str(seed)]
-        assert main([*made, "--schedule", schedule, "--effect", "inertia:size=0.04"]) == 0
+        assert main([*made, "--schedule", schedule, *hidden]) == 0
+    return bags
+
+
+def test_on_another_recording_the_error_falls(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("rosbags")
+    bags = two_drives(tmp_path, "inertia:size=0.04")
     out = tmp_path / "out"
     capsys.readouterr()
     assert main(["diagnose", bags["learned"], "--out", str(out)]) == 0
@@ -151,3 +158,22 @@ def test_on_another_recording_the_error_falls(tmp_path: Path, capsys: pytest.Cap
         words = ["replay", played, "--config", str(config), "--freeze-after", "0", "--json", str(tmp_path / "r.json")]
         assert main(words) == 0
         assert low <= json.loads((tmp_path / "r.json").read_text())["nrmse"] < high
+
+
+def test_a_velocity_of_another_scale_is_put_right_in_the_extended_model(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its curve is that of the repaired velocity, and the reported one is what comes in elsewhere too."""
+    pytest.importorskip("rosbags")
+    bags = two_drives(tmp_path, "position_dependence:amplitude=0.4,wavelength=0.004", "velocity_mismatch:gain=-0.4")
+    assert main(["diagnose", bags["learned"], "--out", str(tmp_path / "out"), "--figures", "svg"]) == 0
+    extended = read_config(tmp_path / "out" / "extended.yaml")
+    assert extended.input.velocity_gain == pytest.approx(0.6, rel=1e-3)
+    # As it was written, before it has learned a sample.
+    frozen = tmp_path / "frozen.yaml"
+    write_config(frozen, extended.updated({"model.adapt": False}))
+    capsys.readouterr()
+    words = ["replay", bags["learned"], "--test", bags["other"], "--config", str(frozen), "--json", "-"]
+    assert main(words) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert max(result["nrmse"], result["test"][0]["nrmse"]) < 0.015

@@ -1,12 +1,14 @@
 """A standing shaft is known as such, a slow passage through zero is not taken for one, nothing is learned from rest."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import samples_of, stribeck
 
-from friction_estimator.core.intake.standstill import STATE_SIZE, stands, standstill
+from friction_estimator.core.intake.standstill import STATE_SIZE, WITHOUT_POSITION, stands, standstill, stays
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.settings.config import Config
 
@@ -83,6 +85,100 @@ def test_the_rule_is_causal():
     half = [stands(state, v, k == 0, 1.0) for k, v in enumerate(velocity[:1000])]
     assert whole[:1000] == half
     assert any(whole)
+
+
+# The position
+
+
+def shown(true, position, count, offset=0.0, step=0.0):
+    """Return samples whose encoder has counts and whose velocity an offset and steps without a level at zero."""
+    velocity = true + offset
+    if step:
+        velocity = (np.floor(velocity / step) + 0.5) * step
+    samples = samples_of(velocity, velocity, RATE_HZ)
+    return replace(samples, position_m=np.round(position / count) * count if count else position)
+
+
+def travelled(velocity):
+    return np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]))]) / RATE_HZ
+
+
+def causal(samples, scale=1.0):
+    """Whether the shaft stands, sample by sample."""
+    state = np.zeros(STATE_SIZE)
+    out = []
+    for k, v in enumerate(samples.velocity_m_s):
+        begins = bool(samples.restart[k])
+        steady = stays(state, samples.position_m[k], v, samples.stamp_ns[k], begins, scale)
+        out.append(stands(state, v, begins, scale) or steady)
+    return np.array(out)
+
+
+@pytest.mark.parametrize("channel", [{"offset": 0.002}, {"offset": -0.02}, {"step": 0.0022}])
+def test_a_velocity_that_never_shows_rest_is_overruled_by_the_position(channel):
+    """A shaft that has not moved yet, then strokes with pauses; a ramp of the load bends it by a count now and then."""
+    velocity, rests = strokes()
+    still = np.zeros(400)
+    true, stood = np.concatenate([still, velocity]), np.concatenate([still == 0.0, rests])
+    position = travelled(true) + 1e-4 * np.floor(np.cumsum(stood) / 70.0)
+    samples = shown(true, position, 1e-4, **channel)
+    found, as_it_goes = standstill(samples, 1.0), causal(samples)
+    assert found[stood].mean() > 0.96
+    assert found[~stood].mean() < 0.003
+    if abs(channel.get("offset", 0.0)) < 0.02:  # what drifts as fast as that is believed until the shaft has moved
+        assert as_it_goes[:400].mean() > 0.95
+    assert as_it_goes[1500:][stood[1500:]].mean() > 0.9
+    assert as_it_goes[~stood].mean() < 0.003
+    state = np.zeros(STATE_SIZE)
+    alone = [stands(state, v, k == 0, 1.0) for k, v in enumerate(samples.velocity_m_s[:400])]
+    assert not any(alone), "the velocity alone tells nothing at first"
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    speed=st.floats(1e-3, 1.0),
+    count=st.sampled_from([0.0, 1e-6, 1e-4, 1e-2, 0.3]),
+    gain=st.floats(0.4, 2.5),
+    every=st.sampled_from([1, 7, 40]),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_motion_is_never_overruled(speed, count, gain, every, seed):
+    """Slow or fast, by a coarse encoder or one that is read now and then, with a velocity of another scale."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(4000) / RATE_HZ
+    true = np.where(t < 4.0, 1.0, speed) * np.sin(2 * np.pi * t / 4.0 + rng.uniform(0, 6))
+    samples = shown(gain * true, travelled(true), count)
+    samples = replace(samples, position_m=samples.position_m[np.arange(4000) // every * every])
+    without = standstill(replace(samples, position_m=None), 1.0)
+    slow = np.abs(true) < 0.06  # elsewhere the velocity is believed
+    near_turn = np.abs(samples.position_m - travelled(true)) <= 2.0 * count
+    more = standstill(samples, 1.0) & ~without
+    assert not more[~slow].any()
+    if every == 1:
+        assert np.count_nonzero(more) <= 0.004 * 4000 + np.count_nonzero(near_turn & (np.abs(true) < 0.06)) * (
+            count > 0
+        )
+
+
+@pytest.mark.parametrize("position", [0.0, np.nan])
+def test_a_position_that_never_changes_tells_nothing(position):
+    velocity, _ = strokes()
+    samples = replace(samples_of(0.5 * velocity + 0.04, velocity), position_m=np.full(velocity.size, position))
+    without = standstill(replace(samples, position_m=None), 0.6)
+    np.testing.assert_array_equal(standstill(samples, 0.6), without)
+
+
+def test_a_state_of_a_former_version_is_read():
+    """It knew nothing of the position."""
+    velocity, rests = strokes(10.0)
+    samples = samples_of(0.1 * velocity, np.where(rests, 1.0, np.sign(velocity)))
+    config = Config.from_mapping({"theory.kind": "seal", "basis.velocity_range": [-0.11, 0.11], "force_unit": 1.0})
+    first, second = Estimator(config), Estimator(config)
+    first.run(samples[:1000])
+    state = first.state()
+    state["arrays"]["rest"] = state["arrays"]["rest"][:WITHOUT_POSITION]
+    second.restore(state)
+    np.testing.assert_array_equal(second.run(samples[1000:]), first.run(samples[1000:]))
 
 
 # The estimator

@@ -160,6 +160,20 @@ def test_friction_sign_is_applied_once():
     np.testing.assert_array_equal(intake.push(FRICTION, 1, 2.0).friction_N, [-2.0])
 
 
+def test_a_velocity_of_another_scale_is_divided_by_its_gain_and_one_of_the_position_is_not():
+    def velocities(given, velocity):
+        intake = Intake(Config.from_mapping({"input.velocity_gain": 0.6} | given))
+        time = np.arange(1, 301)
+        intake.push(POSITION, time * MS, 0.5e-3 * time)
+        if velocity:
+            intake.push(VELOCITY, time * MS, np.full(300, 0.3))
+        return intake.push(FRICTION, time * MS, np.ones(300)).velocity_m_s
+
+    np.testing.assert_array_equal(velocities({}, velocity=True), np.full(300, 0.3 / 0.6))
+    followed = velocities({"input.velocity_from": "position"}, velocity=False)
+    np.testing.assert_allclose(followed[-50:], 0.5, rtol=0.02)
+
+
 def test_values_that_are_no_measurement_are_refused():
     sequencer = Sequencer(SyncConfig())
     values = np.array([1.0, np.nan, np.inf, 1e300, -1e13, 2.0])

@@ -10,6 +10,7 @@ from friction_estimator.core.fit.batch import predict
 from friction_estimator.core.model.prior import Prior, decaying
 from friction_estimator.core.model.structure import Model
 from friction_estimator.core.settings.config import PARAMETERS, Config
+from friction_estimator.effects.extension import extension_from_config
 
 
 def model_of(model_type="parallel", **changes):
@@ -127,3 +128,32 @@ def test_the_mean_predicts_the_theory_and_nothing_else(model_type):
     expected = model.theoretical_friction(samples) if model_type == "parallel" else np.zeros(velocity.size)
     np.testing.assert_allclose(predicted, expected, rtol=1e-12)
     np.testing.assert_array_equal(Prior.of(model).mean, model.initial_theta())
+
+
+TERMS = ("inertia:part=0,scale=2.0", "sensor_bias:part=0,scale=1.5", "side_spring:centre=0.0")
+
+
+def of_terms(unit_N, weights):
+    """Mean and deviation of the coefficients of two forces and of a constant in a unit of its own."""
+    config = Config.from_mapping(
+        {
+            "theory.kind": "seal",
+            "basis.velocity_range": [-0.1, 0.1],
+            "force_unit": unit_N,
+            "extension.terms": TERMS,
+            "learned.extension_weights": weights,
+        }
+    )
+    prior = Prior.of(Model(config, extension_from_config(config)))
+    return prior.mean[-3:], prior.deviation[-3:]
+
+
+@pytest.mark.parametrize("unit_N", [1e-2, 4.0, 5e3])
+def test_what_a_diagnosis_measured_of_a_force_is_its_prior_and_its_unit_does_not_matter(unit_N):
+    weights = [0.3 * unit_N, 0.0, 7.0]
+    mean, deviation = of_terms(unit_N, weights)
+    np.testing.assert_allclose(mean, weights)
+    np.testing.assert_allclose(deviation, [3.0 * 0.3 * unit_N, 20.0 * unit_N, 100.0])
+    mean, deviation = of_terms(unit_N, [])
+    np.testing.assert_array_equal(mean, 0.0)
+    np.testing.assert_allclose(deviation, [20.0 * unit_N, 20.0 * unit_N, 100.0])

@@ -8,8 +8,10 @@ import pytest
 
 from friction_estimator.cli.main import main
 from friction_estimator.core.online.record_figures import RecordFigures
+from friction_estimator.core.online.replay import replay
 from friction_estimator.core.online.shortcomings import Judgement, in_motion, shortcomings
 from friction_estimator.core.sample import Samples
+from friction_estimator.core.settings.config import Config
 
 RATE = 200.0
 COUNT = 8000
@@ -59,6 +61,24 @@ def test_a_shaft_that_is_stuck():
     assert moving.standing_share == pytest.approx(0.75, abs=0.02)
     assert moving.nrmse < 0.05
     assert moving.baselines["coulomb_viscous"] < 0.1
+
+
+def test_another_recording_is_scored_in_motion_by_its_own_samples():
+    """Beside curves that were fitted to what moved where the model learned."""
+    velocity = two_sines()
+    velocity[COUNT * 5 // 8 :] = 0.0
+    other = record(velocity, seed=1)
+    held = np.where(velocity == 0.0, 2.0 * np.sin(np.arange(COUNT) / 50.0), 0.0)
+    learned = replay(record(two_sines()), Config.from_mapping({"model.type": "hammerstein"}))
+    judged = learned.judge("other", replace(other, friction_N=other.friction_N + held))
+    moving = judged.in_motion
+    assert moving.samples == pytest.approx(COUNT * 5 / 8, abs=0.02 * COUNT)
+    assert moving.standing_share == pytest.approx(3 / 8, abs=0.02)
+    assert moving.nrmse < 0.03
+    assert judged.score.nrmse > 0.2
+    assert moving.nrmse < moving.baselines["coulomb_viscous"] < 0.1
+    # Not by those of the recording that was learned, where it never stands.
+    assert learned.in_motion.samples == pytest.approx(COUNT, abs=0.02 * COUNT)
 
 
 def test_a_direction_and_speeds_that_nothing_was_learned_of():
