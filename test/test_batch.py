@@ -58,7 +58,8 @@ def free_fit(model, samples):
 class Columns:
     """Extension with memory: the velocity of the sample before, and the acceleration-like difference."""
 
-    size = 2
+    size, names = 2, ("before", "change")
+    forces = phases = np.zeros(2, np.bool_)
 
     def __init__(self):
         self.restart()

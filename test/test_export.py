@@ -152,7 +152,8 @@ def test_a_velocity_that_is_no_number_does_not_poison_the_header(compiled):
 
 def test_a_header_of_terms_or_tables_is_refused_with_the_way_out():
     class Terms:
-        size = 1
+        size, names = 1, ("inertia",)
+        forces = phases = np.zeros(1, np.bool_)
 
         def columns(self, samples, theory_N):
             return samples.velocity_m_s[:, None]

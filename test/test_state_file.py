@@ -65,6 +65,7 @@ def test_a_state_of_version_3_loads_bit_for_bit():
     now = estimator.state()["arrays"]
     assert set(now) - set(arrays) == {"kept", "kept_root", "trial", "hold", "noise", "residual"}
     assert set(arrays) <= set(now)
+    now["rest"] = now["rest"][: arrays["rest"].size]  # it knew nothing of the position
     for name in set(arrays) - {"moments"}:
         np.testing.assert_array_equal(now[name], arrays[name], err_msg=name)
     assert now["moments"][at.ERROR_POWER] == arrays["moments"][0]

@@ -150,7 +150,7 @@ def measured_terms(model: Model) -> tuple[Floats, Floats]:
     if extension is None:
         return np.zeros(0), np.zeros(0)
     unit_N, given = model.config.unit_N, model.config.learned.extension_weights
-    mean = np.array(given) if given else np.zeros(extension.size)
+    mean = np.array(given) if len(given) == extension.size else np.zeros(extension.size)
     deviation = np.where(extension.forces, EXTENSION_FORCE * unit_N, EXTENSION_DEVIATION)
     names = np.array(extension.names)
     for name in set(extension.names):
