@@ -216,8 +216,8 @@ class InputConfig:
         1.0,
         "Reported velocity over the true one: a velocity of the topic is divided by it, one that is made of the "
         "position is not. For a channel of a wrong scale; a diagnosis tells it (velocity_mismatch).",
-        low=0.05,
-        high=20.0,
+        low=1e-6,
+        high=1e6,
         live=True,
     )
     friction_sign: int = setting(
