@@ -8,7 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import samples_of, stribeck
 
-from friction_estimator.core.intake.standstill import STATE_SIZE, WITHOUT_POSITION, stands, standstill, stays
+from friction_estimator.core.intake.standstill import (
+    CREEP_SHARE,
+    STATE_SIZE,
+    WITHOUT_POSITION,
+    stands,
+    standstill,
+    stays,
+)
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.settings.config import Config
 
@@ -90,15 +97,6 @@ def test_the_rule_is_causal():
 # The position
 
 
-def shown(true, position, count, offset=0.0, step=0.0):
-    """Return samples whose encoder has counts and whose velocity an offset and steps without a level at zero."""
-    velocity = true + offset
-    if step:
-        velocity = (np.floor(velocity / step) + 0.5) * step
-    samples = samples_of(velocity, velocity, RATE_HZ)
-    return replace(samples, position_m=np.round(position / count) * count if count else position)
-
-
 def travelled(velocity):
     return np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]))]) / RATE_HZ
 
@@ -108,64 +106,55 @@ def causal(samples, scale=1.0):
     state = np.zeros(STATE_SIZE)
     out = []
     for k, v in enumerate(samples.velocity_m_s):
-        begins = bool(samples.restart[k])
-        steady = stays(state, samples.position_m[k], v, samples.stamp_ns[k], begins, scale)
-        out.append(stands(state, v, begins, scale) or steady)
+        steady = stays(state, samples.position_m[k], v, samples.restart[k], scale)
+        out.append(stands(state, v, samples.restart[k], scale) or steady)
     return np.array(out)
 
 
-@pytest.mark.parametrize("channel", [{"offset": 0.002}, {"offset": -0.02}, {"step": 0.0022}])
+@pytest.mark.parametrize("channel", [{"offset": 0.0015}, {"offset": -0.0015}, {"step": 0.0022}])
 def test_a_velocity_that_never_shows_rest_is_overruled_by_the_position(channel):
     """A shaft that has not moved yet, then strokes with pauses; a ramp of the load bends it by a count now and then."""
     velocity, rests = strokes()
     still = np.zeros(400)
     true, stood = np.concatenate([still, velocity]), np.concatenate([still == 0.0, rests])
     position = travelled(true) + 1e-4 * np.floor(np.cumsum(stood) / 70.0)
-    samples = shown(true, position, 1e-4, **channel)
+    shown = true + channel.get("offset", 0.0)
+    if "step" in channel:  # no level at zero
+        shown = (np.floor(shown / channel["step"]) + 0.5) * channel["step"]
+    shown[150] += 0.01  # a spike ends no rest either
+    samples = replace(samples_of(shown, shown, RATE_HZ), position_m=np.round(position / 1e-4) * 1e-4)
     found, as_it_goes = standstill(samples, 1.0), causal(samples)
-    assert found[stood].mean() > 0.96
+    assert found[stood].mean() > 0.98
     assert found[~stood].mean() < 0.003
-    if abs(channel.get("offset", 0.0)) < 0.02:  # what drifts as fast as that is believed until the shaft has moved
-        assert as_it_goes[:400].mean() > 0.95
-    assert as_it_goes[1500:][stood[1500:]].mean() > 0.9
+    assert as_it_goes[:400].mean() > 0.95
+    assert as_it_goes[stood].mean() > 0.9
     assert as_it_goes[~stood].mean() < 0.003
     state = np.zeros(STATE_SIZE)
-    alone = [stands(state, v, k == 0, 1.0) for k, v in enumerate(samples.velocity_m_s[:400])]
+    alone = [stands(state, v, k == 0, 1.0) for k, v in enumerate(shown[:400])]
     assert not any(alone), "the velocity alone tells nothing at first"
 
 
 @settings(max_examples=60, deadline=None)
 @given(
     speed=st.floats(1e-3, 1.0),
-    count=st.sampled_from([0.0, 1e-6, 1e-4, 1e-2, 0.3]),
-    gain=st.floats(0.4, 2.5),
+    count=st.sampled_from([0.0, 1e-6, 1e-4, 1e-2, 0.3, np.inf]),
+    gain=st.sampled_from([-1.0, 0.02, 0.6, 1.0, 57.0]),
     every=st.sampled_from([1, 7, 40]),
     seed=st.integers(0, 2**32 - 1),
 )
-def test_motion_is_never_overruled(speed, count, gain, every, seed):
-    """Slow or fast, by a coarse encoder or one that is read now and then, with a velocity of another scale."""
-    rng = np.random.default_rng(seed)
+def test_no_position_overrules_a_velocity_that_is_more_than_next_to_nothing(speed, count, gain, every, seed):
+    """Coarse counts, one that is read now and then, other units, none but zeros."""
     t = np.arange(4000) / RATE_HZ
-    true = np.where(t < 4.0, 1.0, speed) * np.sin(2 * np.pi * t / 4.0 + rng.uniform(0, 6))
-    samples = shown(gain * true, travelled(true), count)
-    samples = replace(samples, position_m=samples.position_m[np.arange(4000) // every * every])
+    true = np.where(t < 4.0, 1.0, speed) * np.sin(2 * np.pi * t / 4.0 + np.random.default_rng(seed).uniform(0, 6))
+    position = np.zeros(4000) if count == np.inf else travelled(true) / gain
+    position = np.round(position / count) * count if 0.0 < count < np.inf else position
+    samples = replace(samples_of(true, true, RATE_HZ), position_m=position[np.arange(4000) // every * every])
     without = standstill(replace(samples, position_m=None), 1.0)
-    slow = np.abs(true) < 0.06  # elsewhere the velocity is believed
-    near_turn = np.abs(samples.position_m - travelled(true)) <= 2.0 * count
-    more = standstill(samples, 1.0) & ~without
-    assert not more[~slow].any()
-    if every == 1:
-        assert np.count_nonzero(more) <= 0.004 * 4000 + np.count_nonzero(near_turn & (np.abs(true) < 0.06)) * (
-            count > 0
-        )
-
-
-@pytest.mark.parametrize("position", [0.0, np.nan])
-def test_a_position_that_never_changes_tells_nothing(position):
-    velocity, _ = strokes()
-    samples = replace(samples_of(0.5 * velocity + 0.04, velocity), position_m=np.full(velocity.size, position))
-    without = standstill(replace(samples, position_m=None), 0.6)
-    np.testing.assert_array_equal(standstill(samples, 0.6), without)
+    more = np.flatnonzero(standstill(samples, 1.0) & ~without)
+    # Two samples that are faster end no rest: a spike is none.
+    assert np.abs(true)[more].max(initial=0.0) <= CREEP_SHARE + 2.0 * np.abs(np.diff(true)).max()
+    if count == 0.0 and every == 1:
+        assert not more.size
 
 
 def test_a_state_of_a_former_version_is_read():

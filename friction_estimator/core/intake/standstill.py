@@ -3,14 +3,14 @@
 Below breakaway the friction of a standing shaft is whatever holds it. Such samples are predicted but not learned from,
 and a diagnosis fits no F(v) to them; it keeps them for breakaway and presliding. A shaft stands where its speed stays
 below what its velocity channel resolves, for longer than a smooth passage through zero would, and without drifting; or
-where its position stays the same to the last bit while a slow velocity tells of a way.
+where its position stays the same to the last bit, at a velocity that is next to nothing.
 """
 
 import numpy as np
 
 from friction_estimator.compiled import njit
 from friction_estimator.core.intake import lattice
-from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Samples
+from friction_estimator.core.sample import Bools, Floats, Samples
 from friction_estimator.core.settings.units import LATTICE_STEPS
 
 REST_SHARE = 5e-4
@@ -49,19 +49,19 @@ PREVIOUS, BEFORE, AGE, ROUGHNESS, LATTICE, TIES, NEAR, RUN, NEEDED, MEAN, OUTSID
 and how often it came, samples since the speed was above the approach, samples at rest level, how many are needed, mean
 velocity over them, and samples in a row outside."""
 
-PLACE, AT, STEADY, WAY, COUNT, COUNT_TIES, FAST, LONGEST, RESTS = range(11, 20)
-"""Places in the state of the position: its last value and when that was (s), samples in a row at it, the integral of
-the velocity over them, least change and how often it came, fast samples in a row at one place, and the most of these;
-1 where it shows rest."""
+PLACE, STEADY, RESTS, FAST = range(11, 15)
+"""Places in the state of the position: its last value, samples in a row at it, 1 where it shows rest, and samples in a
+row that are faster."""
 
-STATE_SIZE = 20
+STATE_SIZE = 15
 
 WITHOUT_POSITION = 11
 """Size of the state in former versions."""
 
-COUNTS, RUNS = 3.0, 3.0
-"""Of its least change, the way that a velocity tells in vain where the shaft stands; and how much longer than ever in
-fast motion the position stays the same there: one that comes slowly, or not any more, tells nothing."""
+CREEP_SHARE = 2e-3
+"""Share of the velocity scale above which a velocity is believed, whatever the position shows: a quarter of the finest
+cell of the curve is what a position that tells nothing (a coarse encoder, one that is read now and then, or not
+connected) can withhold."""
 
 
 @njit(cache=True, forceinline=True)
@@ -115,44 +115,27 @@ def stands(state, velocity, begins, scale):  # type: ignore[no-untyped-def] # pr
 
 
 @njit(cache=True, forceinline=True)
-def stays(state, position, velocity, stamp_ns, begins, scale):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Return whether the position shows that the shaft stands, before `stands` of this sample.
+def stays(state, position, velocity, begins, scale):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return whether the position shows that the shaft stands: it is the same to the last bit for `FEWEST` samples.
 
-    A velocity channel that is off by a count or has an offset never shows rest. The position does: it is the same for
-    `FEWEST` samples, though the velocity tells of a way of `COUNTS` of its least changes, or is next to nothing where
-    it has not changed yet. One count, by which a load bends what stands, ends no rest; two within `FEWEST` samples do.
-    Above `LARGEST_SHARE` of the scale the velocity is believed.
+    A velocity channel that is off by a count, or a little biased, never shows rest. One change, by which a load bends
+    what stands, ends no rest; two within `FEWEST` samples do.
 
     Parameters
     ----------
     position : NaN where there is none. The others as of `stands`.
     """
-    now = stamp_ns / NS_PER_S
-    if np.isnan(position):
+    state[FAST] = state[FAST] + 1.0 if abs(velocity) > CREEP_SHARE * scale else 0.0
+    if np.isnan(position) or state[FAST] > MOST_OUTSIDE:
         state[STEADY] = state[RESTS] = 0.0
         return False
-    if begins or state[STEADY] == 0.0:
-        state[STEADY] = state[WAY] = state[FAST] = state[RESTS] = 0.0
-    elif position == state[PLACE]:
-        state[WAY] += 0.5 * (velocity + state[PREVIOUS]) * (now - state[AT])
-    else:
-        change = abs(position - state[PLACE])
-        lattice.learn_step(state, COUNT, change)
-        if state[STEADY] <= FEWEST or change > lattice.ALIKE * state[COUNT]:
+    if begins or state[STEADY] == 0.0 or position != state[PLACE]:
+        if begins or state[STEADY] <= FEWEST:
             state[RESTS] = 0.0
-        state[STEADY] = state[WAY] = state[FAST] = 0.0
+        state[STEADY] = 0.0
     state[STEADY] += 1.0
-    state[PLACE], state[AT] = position, now
-    if abs(velocity) > LARGEST_SHARE * scale:
-        state[FAST] += 1.0
-        state[LONGEST] = max(state[LONGEST], state[FAST])
-        state[RESTS] = 0.0
-        return False
-    state[FAST] = 0.0
-    in_vain = abs(state[WAY]) > COUNTS * state[COUNT]
-    if state[COUNT_TIES] == 0.0:
-        in_vain = abs(velocity) <= APPROACH * REST_SHARE * scale
-    if in_vain and state[STEADY] > max(FEWEST, RUNS * state[LONGEST]):
+    state[PLACE] = position
+    if state[STEADY] > FEWEST:
         state[RESTS] = 1.0
     return state[RESTS] == 1.0
 
@@ -168,11 +151,11 @@ def stopping(state, velocity, scale):  # type: ignore[no-untyped-def] # pragma: 
 
 
 @njit(cache=True, nogil=True)
-def _marked(stamp_ns, velocity, position, restart, scale, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def _marked(velocity, position, restart, scale, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Fill `out` with whether the shaft stands; a rest that is known late is marked from its first sample."""
     for k in range(velocity.size):
         begins = restart[k] or k == 0
-        steady = position.size > 0 and stays(state, position[k], velocity[k], stamp_ns[k], begins, scale)
+        steady = position.size > 0 and stays(state, position[k], velocity[k], begins, scale)
         out[k] = stands(state, velocity[k], begins, scale) or steady
         if out[k]:
             run = max(state[RUN], state[STEADY]) if steady else state[RUN]
@@ -186,7 +169,7 @@ def standstill(samples: Samples, velocity_scale_m_s: float) -> Bools:
     """Return where the shaft stands, (n,), of a whole recording.
 
     The rule is that of the live estimator; a rest is marked from its beginning though, and noise and lattice of the
-    velocity channel, and of the position, are those of the whole recording (a first pass learns them).
+    velocity channel are those of the whole recording (a first pass learns them).
 
     >>> time = np.arange(3000) / 500
     >>> velocity = np.where(time < 3.0, np.sin(2.0 * time), 0.0)
@@ -200,6 +183,5 @@ def standstill(samples: Samples, velocity_scale_m_s: float) -> Bools:
     position = np.zeros(0) if samples.position_m is None else np.ascontiguousarray(samples.position_m)
     for _ in range(2):
         out[:] = False
-        state[STEADY] = 0.0
-        _marked(samples.stamp_ns, samples.velocity_m_s, position, samples.restart, velocity_scale_m_s, state, out)
+        _marked(samples.velocity_m_s, position, samples.restart, velocity_scale_m_s, state, out)
     return out

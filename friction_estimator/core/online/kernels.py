@@ -129,7 +129,6 @@ SAMPLES = Layout(
     cell=np.int64,
     beyond=np.float64,
     velocity=np.float64,
-    stamp=np.int64,
     position=np.float64,
     theory=np.float64,
     extension=np.float64,
@@ -145,7 +144,7 @@ SAMPLES = Layout(
 """What `run` takes of n samples.
 
 index, value : (n, width), rows of Psi. cell : (n,), cell of the velocity. beyond : (n,), relative distance outside
-    the range. velocity : (n,), m/s. stamp : (n,), ns. position : (n,), m, NaN where unknown, or (0,).
+    the range. velocity : (n,), m/s. position : (n,), m, NaN where unknown, or (0,).
 theory : (n,), d. extension : (n, columns).
     column_noise : (n, loads), variance of the noise in the columns of the load.
     known : (n, 1), known load, where the last of these is the sign of friction that follows the load, else (n, 0).
@@ -166,7 +165,6 @@ def batch(inputs: Inputs, samples: Samples, learn: Bools, predicted: Floats, dev
         "cell": inputs.cell,
         "beyond": inputs.beyond,
         "velocity": samples.velocity_m_s,
-        "stamp": samples.stamp_ns,
         "position": np.zeros(0) if samples.position_m is None else samples.position_m,
         "theory": inputs.theory,
         "extension": inputs.extension,
@@ -201,7 +199,7 @@ def run(law_number, samples, work):  # type: ignore[no-untyped-def] # pragma: no
     extension, column_noise = float_rows(samples, _S.extension), float_rows(samples, _S.column_noise)
     column_doubt = float_rows(samples, _S.column_doubt)
     known, restart, learn = float_rows(samples, _S.known), bools(samples, _S.restart), bools(samples, _S.learn)
-    stamp, position = ints(samples, _S.stamp), floats(samples, _S.position)
+    position = floats(samples, _S.position)
     predicted, deviation = floats(samples, _S.predicted), floats(samples, _S.deviation)
 
     shape, theta = ints(work, _W.shape), floats(work, _W.theta)
@@ -228,7 +226,7 @@ def run(law_number, samples, work):  # type: ignore[no-untyped-def] # pragma: no
         push(shape, ring, ring_theory, status, index[k], value[k], theory[k], begins)
         status[at.SEEN] += 1
         scale = law[at.TOP_SPEED]
-        steady = position.size > 0 and stays(rest, position[k], velocity[k], stamp[k], begins, scale)
+        steady = position.size > 0 and stays(rest, position[k], velocity[k], begins, scale)
         standing = stands(rest, velocity[k], begins, scale) or steady
         holding = hold[at.HOLDING] == 1.0
         if holding:

@@ -311,7 +311,6 @@ class LiveStep(Events):
             value=row,
             cell=cell,
             velocity=velocity,
-            stamp=self._stamp,
             position=self._position,
             extension=nothing,
             column_noise=nothing,

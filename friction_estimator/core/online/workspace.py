@@ -68,7 +68,7 @@ class Workspace:
     status : (13,) int64, counters; `BEYOND` counts the samples in a row beyond one edge (negative: the lower one),
         `MAY_GROW` is 1 where the range may grow, `FOLLOWS` is 1 where the last error is that of the sample before.
     errors : (cells, 3), running errors by cell of velocity (see `fit.band`).
-    rest : (20,), what tells standstill (see `intake.standstill`).
+    rest : (15,), what tells standstill (see `intake.standstill`).
     kept : (models, parameters + owed + 3 cells + moments), models kept aside, flat: theta, owed, errors, moments
         (see `recovery`).
     kept_root : (2, n, n), root of the first two of them (rls), else (2, 0, 0).
