@@ -110,7 +110,7 @@ def test_three_ways_to_the_same_judgement(bags, tmp_path, capsys):
     (test,) = learned["test"]
     count = len(samples_of(bags / "triangle"))
     assert (test["bag"], test["samples"]) == (str(bags / "triangle"), count)
-    assert set(test) == {"bag", "samples", "nrmse", "baselines"}
+    assert set(test) == {"bag", "samples", "nrmse", "baselines", "in_motion"}
     assert set(test["baselines"]) == RIVALS
     settings = tmp_path / "out" / "config.yaml"
     scored = result_of(capsys, "replay", bags / "triangle", "--config", settings, "--freeze-after", 0)
