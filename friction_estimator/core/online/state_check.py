@@ -135,7 +135,7 @@ def _sound(work: Workspace) -> Iterator[tuple[str, bool]]:
         "errors",
         bool(np.all(work.errors[:, [COUNT, POWER]] >= 0.0) and np.all(work.errors[:, COUNT] <= LARGEST_COUNT)),
     )
-    signed = [getattr(standstill, name) for name in ("PREVIOUS", "BEFORE", "MEAN", "PLACE")]
+    signed = [standstill.PREVIOUS, standstill.BEFORE, standstill.MEAN, standstill.PLACE]
     yield "rest", bool(np.all(np.delete(work.rest, signed) >= 0.0))
     hold = work.hold
     yield "hold", bool(np.all(np.delete(hold, at.SIDE) >= 0.0) and hold[at.SIDE] in (-1.0, 0.0, 1.0))
