@@ -10,7 +10,7 @@ from friction_estimator.diagnosis.candidates import Candidates
 from friction_estimator.diagnosis.causes import LATER_SHARE
 from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.diagnosis.guards import FORMS_SHARE
-from friction_estimator.diagnosis.joint import JointFit
+from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import build_record
 from friction_estimator.effects import EFFECTS, Effect
@@ -43,7 +43,7 @@ def test_what_the_theory_does_not_say_follows_the_film_where_it_does() -> None:
         fit = JointFit(fits[name].problem, fits[name].context)
         found[name] = fit(terms)
         # Held at the velocity, it looks like a mass on the rig: 30 g and more.
-        mass = fit([*found[name].terms, Term(EFFECTS["inertia"], {})], found[name].base.coefficients).terms[-1]
+        mass = fit([*found[name].terms, Term(EFFECTS["inertia"], {})], found[name].coefficients).terms[-1]
         assert abs(mass.weights[0]) < 0.015
     assert found["rig"].terms[-1].params["rest"] > 0.7
     assert found["rig"].terms[-1].params["lag"] == pytest.approx(0.002, rel=0.15)

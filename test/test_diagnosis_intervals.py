@@ -13,7 +13,8 @@ from friction_estimator.diagnosis.causes import Cause
 from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.diagnosis.evidence import Evidence
 from friction_estimator.diagnosis.intervals import Curvature, Estimate, estimates
-from friction_estimator.diagnosis.joint import Joint, JointFit
+from friction_estimator.diagnosis.joint import Joint
+from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import Record, build_record
 from friction_estimator.diagnosis.search import Searcher
@@ -127,7 +128,6 @@ def test_the_growth_of_a_breakaway_force_with_the_dwell_is_compared() -> None:
     assert best.term.params["exponent"] == 0.5
     # What no cause explains says how much worse a form may be: its values are in the interval then.
     behind = best.gain - slow.gain
-    fits.settle(base, best.model, 2.0 * behind)
     assert not fits.apart(base, best.model, 0.5 * behind)
     apart = fits.apart(base, best.model, 1.5 * behind)
     assert apart["amplitude"] == pytest.approx(best.term.weights[0] - slow.term.weights[0])

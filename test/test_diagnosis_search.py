@@ -12,7 +12,7 @@ from friction_estimator.diagnosis.capacity import in_words
 from friction_estimator.diagnosis.causes import Cause
 from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.diagnosis.gaining import gaining
-from friction_estimator.diagnosis.joint import JointFit
+from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import build_record
 from friction_estimator.diagnosis.search import Searcher
@@ -205,8 +205,7 @@ def test_a_cause_between_others_that_gains_nothing_is_not_told() -> None:
     bias = Term(EFFECTS["sensor_bias"], {})
     fit = JointFit(found.problem, context)
     fits = [
-        fit(terms, one.base.coefficients, search=False)
-        for terms in ([*one.terms, bias], [*one.terms, bias, both.terms[-1]])
+        fit(terms, one.coefficients, search=False) for terms in ([*one.terms, bias], [*one.terms, bias, both.terms[-1]])
     ]
     causes = (found.causes[0], Cause("sensor_bias", 0.01, 1.0, ()), found.causes[1])
     with_it = replace(found, causes=causes, models=(base, one, *fits))

@@ -13,7 +13,7 @@ from friction_estimator.diagnosis.base_problem import SPLINES, BaseProblem, Capa
 from friction_estimator.diagnosis.candidate import Candidate
 from friction_estimator.diagnosis.candidates import Candidates
 from friction_estimator.diagnosis.diagnose import diagnose
-from friction_estimator.diagnosis.joint import JointFit
+from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.own_columns import OwnColumns, Term, before
 from friction_estimator.diagnosis.record import build_record
 from friction_estimator.diagnosis.seek import best_time
@@ -88,9 +88,9 @@ def test_a_delay_behind_bristles_is_found() -> None:
     fit = JointFit(BaseProblem(record, SEAL, Capacity(SPLINES, Config().fir.order)), context)
     bristles = Term(EFFECTS["presliding"], {"length": 3e-5, "spread": 1.0})
     without = fit([bristles])
-    found = fit([*without.terms, Term(EFFECTS["time_delay"], {"delay": 1e-3})], without.base.coefficients)
+    found = fit([*without.terms, Term(EFFECTS["time_delay"], {"delay": 1e-3})], without.coefficients)
     assert found.terms[-1].params["delay"] == pytest.approx(0.003, abs=1e-4)
-    assert found.base.coefficients.cost < 0.8 * without.base.coefficients.cost
+    assert found.coefficients.cost < 0.8 * without.coefficients.cost
 
 
 @pytest.mark.parametrize(("name", "delay"), [("velocity_delay", 0.003), ("time_delay", 0.004)])
@@ -120,10 +120,10 @@ def test_a_time_is_sought_anew_only_where_a_search_ends_elsewhere() -> None:
     lag = Term(EFFECTS["frictional_lag"], {"lag": 0.004, "rest": 0.0})
     settled = fit([Term(EFFECTS["sensor_bias"], {}), lag])
     *others, last = settled.terms
-    assert not fit.elsewhere(settled.terms, settled.base.coefficients)
+    assert not fit.elsewhere(settled.terms, settled.coefficients)
     moved = replace(last, params=last.params | {"lag": 1.5 * last.params["lag"]})
-    assert fit.elsewhere([*others, moved], settled.base.coefficients)
-    assert not fit.elsewhere([lag, *others], settled.base.coefficients)  # a bias has nothing to be sought
+    assert fit.elsewhere([*others, moved], settled.coefficients)
+    assert not fit.elsewhere([lag, *others], settled.coefficients)  # a bias has nothing to be sought
 
 
 def test_a_filter_slower_than_what_is_scanned_is_begun_where_it_is() -> None:
@@ -147,11 +147,9 @@ def test_a_lag_of_the_film_settles_in_a_few_rounds() -> None:
     settled = JointFit(problem, context)([Term(EFFECTS["frictional_lag"], {"lag": 0.004, "rest": 0.0})])
     soon = JointFit(problem, context)([Term(EFFECTS["frictional_lag"], {"lag": 0.004, "rest": 0.0})], rounds=4)
     assert soon.terms[0].params["lag"] == pytest.approx(settled.terms[0].params["lag"], rel=1e-3)
-    assert soon.base.coefficients.cost < 1.002 * settled.base.coefficients.cost
+    assert soon.coefficients.cost < 1.002 * settled.coefficients.cost
     whole = settled.base.fitted_N
-    without = problem.products.fitted(
-        settled.base.coefficients.weights, settled.base.coefficients.taps, settled.base.coefficients.own
-    )
+    without = problem.products.fitted(settled.coefficients.weights, settled.coefficients.taps, settled.coefficients.own)
     np.testing.assert_allclose(settled.parts_N[0], whole - without, atol=1e-12)
 
 
@@ -220,7 +218,7 @@ def test_a_velocity_behind_a_filter_has_its_time_beside_a_lagging_film() -> None
     assert late is not None
     best = fits.shaped(lag.model, late)
     assert best.term.params["delay"] == pytest.approx(0.0035, abs=2e-4)
-    assert best.model.joint.base.coefficients.power < 0.8 * late.model.joint.base.coefficients.power
+    assert best.model.joint.coefficients.power < 0.8 * late.model.joint.coefficients.power
 
 
 def test_what_the_memory_delays_belongs_to_the_time() -> None:
@@ -231,7 +229,7 @@ def test_what_the_memory_delays_belongs_to_the_time() -> None:
     assert abs(short.term.params["delay"] - 0.0328) > 0.004
     settled = fits.resettled(lag.model, short)
     assert settled.term.params["delay"] == pytest.approx(0.0328, abs=5e-4)
-    assert settled.model.joint.base.coefficients.cost < short.model.joint.base.coefficients.cost
+    assert settled.model.joint.coefficients.cost < short.model.joint.coefficients.cost
 
 
 def test_forms_of_a_filter_are_compared_where_a_delay_comes_first() -> None:

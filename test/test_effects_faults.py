@@ -10,7 +10,7 @@ from friction_estimator.core.sample import NS_PER_S, Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import SPLINES, BaseProblem, Capacity
 from friction_estimator.diagnosis.floor import pairs
-from friction_estimator.diagnosis.joint import JointFit
+from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.record import build_record
 from friction_estimator.diagnosis.repair import repaired, view_of, with_repair
 from friction_estimator.effects import EFFECTS, parse_effect

@@ -25,7 +25,7 @@ from study import make_case
 from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.evidence import Rule
 from friction_estimator.diagnosis.forms import OtherForms
-from friction_estimator.diagnosis.joint import Joint, cross_validated_loss
+from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.lack_of_fit import LackOfFit
 from friction_estimator.diagnosis.record import Record, build_record
 from friction_estimator.diagnosis.search import Searcher
@@ -69,7 +69,7 @@ def seen(case: dict[str, Any]) -> tuple[float, float, float]:
     traits = {name: EFFECTS[name] for name in PLANTS[case["plant"]].traits}
     found = Searcher(record, config, context, traits, SEED)(lambda _stage, _part: None)
     model, change = found.models[-1], made.changes_N[0]
-    loss = float(cross_validated_loss(model, record, SEED).sum())
+    loss = float(model.held_out_loss(record, SEED).sum())
     gain = _explained(model, change, record)
     share = 100.0 * gain / loss
     if not model.terms or gain <= 0.0:

@@ -22,9 +22,9 @@ SET_SHARE = 0.03
 """Standard errors of the paired loss, and share of the gain, within which two effects explain the record as well."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Model:
-    """A fitted model and its held-out loss on each block, (blocks,), N^2."""
+    """A fitted model and its held-out loss on each block, (blocks,), N^2; it equals itself alone, as a key."""
 
     joint: Joint
     loss: Floats
@@ -32,7 +32,7 @@ class Model:
 
 def gain_parts(fewer: Model, more: Model) -> tuple[float, float]:
     """Return the held-out decrease of the error power by further terms, and what the memory's prior saves, N^2 each."""
-    before, after = fewer.joint.base.coefficients, more.joint.base.coefficients
+    before, after = fewer.joint.coefficients, more.joint.coefficients
     saved = after.variance * (before.memory_energy - after.memory_energy)
     return float((fewer.loss - more.loss).sum()), saved
 
@@ -73,12 +73,12 @@ class Candidate:
     @property
     def by_evidence(self) -> bool:
         """Whether what the memory saves alone would name it."""
-        return self.effect.delays and self.saved_N2 > MEMORY_EVIDENCE * self.model.joint.base.coefficients.variance
+        return self.effect.delays and self.saved_N2 > MEMORY_EVIDENCE * self.model.joint.coefficients.variance
 
     @property
     def samples_N2(self) -> float:
         """Error power that is left, per sample."""
-        return float(self.model.loss.sum()) / self.model.joint.base.coefficients.count
+        return float(self.model.loss.sum()) / self.model.joint.coefficients.count
 
 
 def as_sharp(best: type[Effect], other: type[Effect]) -> bool:
@@ -123,7 +123,7 @@ def equals(best: Candidate, others: Sequence[Candidate]) -> list[Candidate]:
 
 def needs_memory(best: Candidate, other: Candidate) -> bool:
     """Return whether beside the other one the base's memory would have to do what the best one does alone."""
-    energy = [c.model.joint.base.coefficients.memory_energy for c in (other, best)]
+    energy = [c.model.joint.coefficients.memory_energy for c in (other, best)]
     return energy[0] - energy[1] > MEMORY_EVIDENCE
 
 

@@ -21,7 +21,8 @@ from friction_estimator.diagnosis.capacity import UnlikeMemories
 from friction_estimator.diagnosis.causes import LATER_SHARE
 from friction_estimator.diagnosis.forms import OtherForms, power_N2
 from friction_estimator.diagnosis.intervals import Estimate, estimates
-from friction_estimator.diagnosis.joint import Joint, JointFit, cross_validated_loss
+from friction_estimator.diagnosis.joint import Joint
+from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.lack_of_fit import WITHIN, LackOfFit, Wider
 from friction_estimator.diagnosis.own_columns import Term, time_of
 from friction_estimator.effects.base import REVERSAL, Effect
@@ -58,12 +59,10 @@ class Candidates:
     ) -> None:
         self.problem, self.context, self.catalogue, self.seed = problem, context, catalogue, seed
         self._fit = JointFit(problem, context)
-        self._known: dict[tuple[int, str, tuple[tuple[str, float], ...]], Candidate | None] = {}
-        self._shaped: dict[tuple[int, str], Candidate] = {}
-        self._settled: dict[tuple[int, str], list[tuple[float, dict[str, float]]]] = {}
-        self._kept: list[Model] = []
-        self._estimates: dict[int, list[dict[str, Estimate]]] = {}
-        self._lacks: dict[tuple[int, type[Wider]], LackOfFit] = {}
+        self._known: dict[tuple[Model, str, tuple[tuple[str, float], ...]], Candidate | None] = {}
+        self._shaped: dict[tuple[Model, str], Candidate] = {}
+        self._estimates: dict[Model, list[dict[str, Estimate]]] = {}
+        self._lacks: dict[tuple[Model, type[Wider]], LackOfFit] = {}
 
     def base(self) -> Model:
         """Return the base model alone."""
@@ -74,19 +73,14 @@ class Candidates:
 
         `search` looks for what it refines over the whole bracket, else from where it is.
         """
-        key = id(model), name, tuple(sorted(params.items()))
+        key = model, name, tuple(sorted(params.items()))
         if key not in self._known:
-            self.keep(model)
             self._known[key] = self._fitted(model, name, params, search)
         return self._known[key]
 
-    def keep(self, model: Model) -> None:
-        """Keep a model alive, so that no other one gets its id."""
-        self._kept.append(model)
-
     def shaped(self, model: Model, best: Candidate) -> Candidate:
         """Return the candidate in that functional form of its cause which the data ask for."""
-        key = id(model), best.name
+        key = model, best.name
         if key not in self._shaped:
             best = self._in_variant(model, best)
             self._shaped[key] = self._with_further(model, best)
@@ -146,31 +140,6 @@ class Candidates:
         left = {name: c for name, c in shaped.items() if name not in likenesses}
         return likenesses | self.in_best_forms(model, left, close)
 
-    def settle(self, model: Model, after: Model, left_N2: float) -> None:
-        """Forget the fits beside a model whose cause is chosen, but for what `apart` asks: they hold the samples.
-
-        Parameters
-        ----------
-        model, after : without and with that cause. left_N2 : what no cause explains so far, by which others may be
-            behind.
-        """
-        self.keep(model)
-        last = after.joint.terms[-1]
-        gain = sum(gain_parts(model, after))
-        self._settled[id(model), last.name] = [
-            (other.gain + PLAIN * other.samples_N2, self._physical(other.term))
-            for (known, name, _), other in self._known.items()
-            if known == id(model) and name == last.name and other is not None and other.model is not after
-            if not other.belied and gain - other.gain - PLAIN * other.samples_N2 <= left_N2
-            if self.known_sign(other)  # where nothing is known, no value says anything
-        ]
-        self._kept = [*(m for m in self._kept if any(id(m) == known for known, _ in self._settled)), after]
-        alive = {id(m) for m in self._kept}
-        self._known = {key: one for key, one in self._known.items() if key[0] == id(after)}
-        self._shaped = {key: one for key, one in self._shaped.items() if key[0] == id(after)}
-        self._estimates = {key: one for key, one in self._estimates.items() if key in alive}
-        self._lacks = {key: one for key, one in self._lacks.items() if key[0] == id(after)}
-
     def _physical(self, term: Term) -> dict[str, float]:
         values = term.effect.physical(term.params, term.weights, self.context)
         return {name: value for name, (value, _) in values.items()}
@@ -189,11 +158,15 @@ class Candidates:
         model, after : without and with that term. left_N2 : what no cause explains, by which they may be behind.
         """
         last = after.joint.terms[-1]
-        told = self._physical(last)
-        gain = sum(gain_parts(model, after))
+        told, gain = self._physical(last), sum(gain_parts(model, after))
         out: dict[str, float] = {}
-        for reach_N2, values in self._settled.get((id(model), last.name), ()):
-            if gain - reach_N2 <= left_N2:
+        for (known, name, _), other in self._known.items():
+            if known is not model or name != last.name or other is None or other.model is after or other.belied:
+                continue
+            if gain - other.gain - PLAIN * other.samples_N2 > left_N2:
+                continue
+            if self.known_sign(other):  # where nothing is known, no value says anything
+                values = self._physical(other.term)
                 out |= {n: max(abs(value - told[n]), out.get(n, 0.0)) for n, value in values.items() if n in told}
         return out
 
@@ -207,7 +180,7 @@ class Candidates:
             return {}
         name = time.effect.refined[0]
         way = -1.0 if time.effect.late_s({name: 1.0}) < 0.0 else 1.0
-        more = way * joint.base.problem.mean_delay(joint.base.coefficients) * self.context.step_s
+        more = way * joint.base.problem.mean_delay(joint.coefficients) * self.context.step_s
         value = time.params[name] + more
         return {name: value} if abs(more) > MOVABLE * self.context.step_s else {}
 
@@ -220,8 +193,8 @@ class Candidates:
         if not moved or min(moved.values()) <= 0.0:
             return joint
         terms = [replace(t, params=t.params | moved) if t.effect.delays else t for t in joint.terms]
-        other = self._fit(terms, joint.base.coefficients, search=False)
-        return other if other.base.coefficients.cost < joint.base.coefficients.cost else joint
+        other = self._fit(terms, joint.coefficients, search=False)
+        return other if other.coefficients.cost < joint.coefficients.cost else joint
 
     def resettled(self, model: Model, one: Candidate) -> Candidate:
         """Return the candidate with what the terms before it refine sought anew, where everything then fits better.
@@ -234,21 +207,21 @@ class Candidates:
         for name in names[:-1]:
             for _ in range(RESETTLINGS if self.catalogue[name].refined else 0):
                 last = sorted(best.terms, key=lambda t, n=name: t.name == n)  # type: ignore[misc]
-                if not self._fit.elsewhere(last, best.base.coefficients):
+                if not self._fit.elsewhere(last, best.coefficients):
                     break
-                found = self._fit(last, best.base.coefficients)
-                here, there = best.base.coefficients, found.base.coefficients
+                found = self._fit(last, best.coefficients)
+                here, there = best.coefficients, found.coefficients
                 if here.cost - there.cost <= RESETTLED * here.variance:
                     break
                 ordered = sorted(found.terms, key=lambda t: names.index(t.name))
-                best = self._fit(ordered, found.base.coefficients, search=False)
+                best = self._fit(ordered, found.coefficients, search=False)
         best = self._without_memory(best)
         if best is one.model.joint:
             return one
         return self._candidate(model, best) or one
 
     def _fitted(self, model: Model, name: str, params: Mapping[str, float], search: bool) -> Candidate | None:
-        here = model.joint.base.coefficients
+        here = model.joint.coefficients
         joint = self._fit([*model.joint.terms, Term(self.catalogue[name], dict(params))], here, search=search)
         return self._candidate(model, joint)
 
@@ -263,7 +236,7 @@ class Candidates:
         return one if np.isfinite(one.gain) else None
 
     def _judged(self, joint: Joint) -> Model:
-        return Model(joint, cross_validated_loss(joint, self.problem.record, self.seed))
+        return Model(joint, joint.held_out_loss(self.problem.record, self.seed))
 
     def stands(self, model: Model, one: Candidate) -> bool:
         """Return whether an effect gains in most of the record, and beyond the samples right after reversals.
@@ -297,8 +270,7 @@ class Candidates:
         last = after.joint.terms[-1]
         if not last.effect.delays or last.effect.late_s(last.params) >= 0.0:
             return 0.0
-        bases = (m.joint.base for m in (model, after))
-        before, now = (base.problem.mean_delay(base.coefficients) for base in bases)
+        before, now = (m.joint.base.problem.mean_delay(m.joint.coefficients) for m in (model, after))
         return max(0.0, min(now, now - before)) * self.context.step_s
 
     def undone(self, model: Model, one: Candidate) -> bool:
@@ -330,10 +302,9 @@ class Candidates:
 
     def _beside(self, model: Model, columns: type[Wider]) -> LackOfFit:
         """Return what these columns explain beside a model; they are kept for the last model alone, for their size."""
-        key = id(model), columns
+        key = model, columns
         if key not in self._lacks:
-            self.keep(model)
-            self._lacks = {known: lack for known, lack in self._lacks.items() if known[0] == id(model)}
+            self._lacks = {known: lack for known, lack in self._lacks.items() if known[0] is model}
             wider, loss_N2 = columns.of(model.joint), float(model.loss.sum())
             self._lacks[key] = LackOfFit(wider, model.joint, loss_N2, self.problem.record, self.seed)
         return self._lacks[key]
@@ -365,10 +336,9 @@ class Candidates:
 
     def _known_sign(self, model: Model, i: int) -> bool:
         """Return `known_sign` of one term of a model."""
-        if id(model) not in self._estimates:
-            self.keep(model)
-            self._estimates[id(model)] = estimates(model.joint, self.problem.record, self.context, self.seed)
-        term, fitted = model.joint.terms[i], self._estimates[id(model)][i]
+        if model not in self._estimates:
+            self._estimates[model] = estimates(model.joint, self.problem.record, self.context, self.seed)
+        term, fitted = model.joint.terms[i], self._estimates[model][i]
         one_sign = {name for name in fitted if name in term.refined and name not in term.effect.steps}
         if len(term.effect.signs) == term.weights.size and all(term.effect.signs):
             one_sign |= set(fitted)

@@ -14,7 +14,8 @@ from friction_estimator.diagnosis.floor import noise_floor
 from friction_estimator.diagnosis.gaining import gaining
 from friction_estimator.diagnosis.held_out import gain_between, rms
 from friction_estimator.diagnosis.intervals import estimates
-from friction_estimator.diagnosis.joint import Joint, JointFit
+from friction_estimator.diagnosis.joint import Joint
+from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.record import Record, build_record
 from friction_estimator.diagnosis.remainder import Remainder, unexplained
 from friction_estimator.diagnosis.repair import concealed, confirmed, left_by, repaired, scattered, with_repair
@@ -222,7 +223,7 @@ def _asked(
 
 
 def _unfinished(model: Joint) -> list[str]:
-    promise = model.base.coefficients.promise
+    promise = model.coefficients.promise
     if promise <= ALARM:
         return []
     return [f"the base fit is unfinished: its tangent promises {100 * promise:.0f} % less error than the fit reached"]

@@ -5,7 +5,7 @@ from dataclasses import replace
 from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.causes import Search
 from friction_estimator.diagnosis.held_out import gain_between, held_out_errors
-from friction_estimator.diagnosis.joint import JointFit
+from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.effects.features import Context
 

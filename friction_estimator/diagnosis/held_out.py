@@ -7,7 +7,8 @@ from scipy.special import stdtrit
 
 from friction_estimator.core.sample import Bools, Floats, Ints
 from friction_estimator.diagnosis.base_problem import BaseProblem
-from friction_estimator.diagnosis.joint import Joint, JointFit
+from friction_estimator.diagnosis.joint import Joint
+from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.effects.features import Context
 
@@ -42,7 +43,7 @@ def held_out_errors(problem: BaseProblem, context: Context, model: Joint) -> Flo
     for number in range(FOLDS):
         test = blocks % FOLDS == number
         fit = JointFit(problem, context, ~test)
-        start = model.base.coefficients if model.terms else None
+        start = model.coefficients if model.terms else None
         again = fit(model.terms, start, search=False)
         inside = test[record.block]
         error[inside] = again.residual_N[inside]

@@ -54,7 +54,7 @@ class LackOfFit:
     """
 
     def __init__(self, columns: Wider, model: Joint, loss_N2: float, record: Record, seed: int) -> None:
-        variance = model.base.coefficients.variance
+        variance = model.coefficients.variance
         penalty = np.concatenate([model.penalty, np.full(columns.width, variance)])
         self._evidence = Evidence(columns, penalty, model.residual_N, record.used, record.block, seed)
         found = self._evidence.base_alone(np.ones(self._evidence.blocks, np.bool_))[-columns.width :]

@@ -115,7 +115,6 @@ class Searcher:
             rivals = tuple(dict.fromkeys([*rivals, *as_good]))
             causes.append(Cause(best.name, p_value, best.gain, rivals, behind))
             models.append(best.model)
-            self.fits.settle(model, best.model, self.views.left_N2(best.model))
             self.views.keep_only(best.model)
             refused.clear()
             while (needless := self.fits.superfluous(models[-1], FORMS_SHARE, LATER_SHARE)) is not None:

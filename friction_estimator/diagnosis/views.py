@@ -52,23 +52,22 @@ class Views:
         self.problem = BaseProblem(record, config, capacity)
         self.fits = Candidates(self.problem, context, catalogue, seed)
         self._samples = max(int(record.used.sum()), 1)
-        self._views: dict[int, View] = {}
-        self._after: dict[int, list[tuple[str, dict[str, float], float]]] = {}
+        self._views: dict[Model, View] = {}
+        self._after: dict[Model, list[tuple[str, dict[str, float], float]]] = {}
 
     def of(self, model: Model) -> View:
         """Return what screening the library says about a model's residual."""
-        if id(model) not in self._views:
+        if model not in self._views:
             joint = model.joint
             evidence = joint.evidence(self.record, self.seed)
             out = {*self.known, *self._excluded(model)}
             library = build_library(self.catalogue, joint.features, joint.reference, self.context, evidence, out)
             # What a lattice leaves is no noise either.
             least = (LATER_SHARE if self.lattice_N else LEAST_SHARE) * float(evidence.ee.sum())
-            self._views[id(model)] = screening(
+            self._views[model] = screening(
                 self.record, model.joint, evidence, library, least, self.lattice_N, self.seed
             )
-            self.fits.keep(model)
-        return self._views[id(model)]
+        return self._views[model]
 
     def _excluded(self, model: Model) -> set[str]:
         """Return what is in a model, with its alternatives unless it leaves much; of the times it takes one."""
@@ -92,17 +91,17 @@ class Views:
         view = self.of(model)
         some = [s for s in view.screened if s.name not in out]
         passing = [s for s in some if s.gain > view.needed[s.name]]
-        hidden = model.joint.base.coefficients.memory_energy > MEMORY_EVIDENCE
+        hidden = model.joint.coefficients.memory_energy > MEMORY_EVIDENCE
         hidden |= any(t.effect.acts == REVERSAL and not t.effect.delays for t in model.joint.terms)
         return passing + [s for s in some if s not in passing and s.hypothesis.effect.delays and hidden]
 
     def followers(self, model: Model) -> list[tuple[str, dict[str, float], float]]:
         """Return name and parameters of the effects that pass best after a model, and what each must bring, N^2."""
-        if id(model) not in self._after:
+        if model not in self._after:
             view = self.of(model)
             passing = self.passing(model, self.with_pressure(model))[:FOLLOWERS]
-            self._after[id(model)] = [(s.name, s.params, view.needed[s.name]) for s in passing]
-        return self._after[id(model)]
+            self._after[model] = [(s.name, s.params, view.needed[s.name]) for s in passing]
+        return self._after[model]
 
     def with_pressure(self, model: Model) -> set[str]:
         """Return what may be another form of a recorded cause in a model: where that changed in one order, all slow."""
@@ -111,9 +110,9 @@ class Views:
 
     def keep_only(self, model: Model) -> None:
         """Forget what was seen beside other models: what the library says of one is the largest thing there is."""
-        self._views = {key: view for key, view in self._views.items() if key == id(model)}
-        self._after = {key: some for key, some in self._after.items() if key == id(model)}
+        self._views = {key: view for key, view in self._views.items() if key is model}
+        self._after = {key: some for key, some in self._after.items() if key is model}
 
     def forget(self, model: Model) -> None:
         """Forget what was seen beside a model, but for what comes after it."""
-        self._views.pop(id(model), None)
+        self._views.pop(model, None)
