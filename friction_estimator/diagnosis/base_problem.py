@@ -12,6 +12,7 @@ are halved until they descend, from several starts; everything happens in the pr
 """
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -137,29 +138,17 @@ class BaseProblem:
     Parameters
     ----------
     record : the data. config : theory. capacity : of the curve and the FIR (default `SPLINES` and `fir.order`).
-    static : (n, m), other columns in place of theory and splines at the velocity. chosen : (blocks,) bool, blocks whose
-        products are formed (default all).
     """
 
-    def __init__(
-        self,
-        record: Record,
-        config: Config,
-        capacity: Capacity | None = None,
-        static: Floats | None = None,
-        chosen: Bools | None = None,
-    ) -> None:
+    def __init__(self, record: Record, config: Config, capacity: Capacity | None = None) -> None:
         f = record.features
         capacity = capacity or Capacity(SPLINES, config.fir.order)
         self.record, self.config, self.capacity = record, config, capacity
         self.theory = theory_from_config(config)
         self.curve = OddCurve(float(np.abs(f.velocity_m_s).max()), capacity.splines)
-        if static is None:
-            static = self.columns(f.velocity_m_s, f.pressure_Pa, f.temperature_degC)
+        static = self.columns(f.velocity_m_s, f.pressure_Pa, f.temperature_degC)
         used = record.used
-        self.products = LaggedProducts(
-            static, capacity.order, record.friction_N, used, record.restart, record.block, chosen
-        )
+        self.products = LaggedProducts(static, capacity.order, record.friction_N, used, record.restart, record.block)
         self.scale = float(np.sqrt(np.mean(np.square(record.friction_N[used])))) or 1.0
         lead = 1 if self.theory is not None else 0
         self.own = capacity.order * lead
@@ -200,8 +189,10 @@ class BaseProblem:
         return delay / max(1.0 + float(found.taps.sum()), 1e-3)
 
     def with_static(self, static: Floats, chosen: Bools | None = None) -> "BaseProblem":
-        """Return the problem with other static columns, (n, m), on some blocks or all."""
-        return BaseProblem(self.record, self.config, self.capacity, static, chosen)
+        """Return the problem with other static columns, (n, m), on some blocks (bool) or all."""
+        other = copy(self)
+        other.products = self.products.of(static, chosen)
+        return other
 
     # Coefficients of the lagged columns
 

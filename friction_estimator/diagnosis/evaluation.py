@@ -112,10 +112,12 @@ class Evaluation:
             if not slopes:
                 continue
             block = np.column_stack(slopes)
-            norm = np.sqrt(np.mean(np.square(block), axis=0))
+            norm = np.sqrt([np.mean(np.square(block[:, j])) for j in range(block.shape[1])])
             shown = norm > usual
             # A parameter that changes nothing here (a step between two samples) is held where it is.
-            beside.append(np.where(shown, block / np.where(shown, norm, 1.0), 0.0))
+            block /= np.where(shown, norm, 1.0)
+            block[:, ~shown] = 0.0
+            beside.append(block)
             scales.append(np.where(shown, 1.0 / np.where(shown, norm, 1.0), 0.0))
             ends = [False] * (norm.size - len(refined)) + [at_end(term.params[n], *anchors[i][n]) for n in refined]
             ended.append(shown & ends)

@@ -119,7 +119,7 @@ class Joint:
 
     def evidence(self, record: Record, seed: int) -> Evidence:
         """Return the evidence machine for what this model leaves."""
-        return Evidence(self.tangent, self.penalty, self.residual_N, record.used, record.block, seed)
+        return Evidence(TangentOf(self), self.penalty, self.residual_N, record.used, record.block, seed)
 
     def held_out_loss(self, record: Record, seed: int) -> Floats:
         """Return the error power of each block under coefficients fitted without it, (blocks,), N^2.
@@ -127,3 +127,19 @@ class Joint:
         The model is linear about its fit to everything; its refined parameters are among the coefficients.
         """
         return self.evidence(record, seed).base_loss()
+
+
+@dataclass(frozen=True)
+class TangentOf:
+    """The tangent of a fit, which is not held."""
+
+    joint: Joint
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(n, q)."""
+        return self.joint.tangent.shape
+
+    def __getitem__(self, part: slice, /) -> Floats:
+        """Return the columns of some samples, (n_part, q)."""
+        return self.joint.tangent[part]

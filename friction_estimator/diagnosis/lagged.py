@@ -5,6 +5,8 @@ parameters. Gram matrix and right side of all lagged columns are formed once, by
 searches, starts and folds then work on small matrices only.
 """
 
+from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,23 +89,33 @@ class LaggedProducts:
         block: Ints,
         chosen: Bools | None = None,
     ) -> None:
-        self.static, self.order = static, order
-        self.width = static.shape[1]
-        self.size = self.width * (order + 1)
+        self.order = order
         self.start = piece_starts(restart)
         self.edges = block_edges(block)
         self._used = used
         self._force = friction_N * used
+        self.power = np.add.reduceat(np.square(self._force), self.edges[:-1])
+        self.count = np.add.reduceat(used.astype(np.float64), self.edges[:-1])
+        self._form(static, chosen)
+
+    def of(self, static: Floats, chosen: Bools | None = None) -> "LaggedProducts":
+        """Return those of other columns of the same record; all else is shared."""
+        other = copy(self)
+        other._form(static, chosen)
+        return other
+
+    def _form(self, static: Floats, chosen: Bools | None) -> None:
+        self.static = static
+        self.width = static.shape[1]
+        self.size = self.width * (self.order + 1)
         blocks = self.edges.size - 1
         self._chosen = np.arange(blocks) if chosen is None else np.flatnonzero(chosen)
         self.gram = np.zeros((blocks, self.size, self.size))
         self.cross = np.zeros((blocks, self.size))
         for b in self._chosen:
             begin, end = self.edges[b : b + 2]
-            add_products(static, self.start, begin, end, used, self._force, self.gram[b], self.cross[b])
+            add_products(static, self.start, begin, end, self._used, self._force, self.gram[b], self.cross[b])
         self.whole_gram = self.gram.sum(axis=0)
-        self.power = np.add.reduceat(np.square(self._force), self.edges[:-1])
-        self.count = np.add.reduceat(used.astype(np.float64), self.edges[:-1])
 
     def rows(self, part: slice) -> Floats:
         """Return the lagged columns of some samples, (n_part, L); zero where a sample is not in use."""
@@ -111,14 +123,14 @@ class LaggedProducts:
         stacked(self.static, self.start, part.start, self._used, out)
         return out
 
-    def extra(self, columns: Floats) -> Extra:
-        """Return the products of columns (n, c)."""
-        blocks, width = self.edges.size - 1, columns.shape[1]
+    def extra(self, columns: Sequence[Floats]) -> Extra:
+        """Return the products of columns, (n, c) in all."""
+        blocks, width = self.edges.size - 1, sum(c.shape[1] for c in columns)
         mx, xx = np.zeros((blocks, self.size, width)), np.zeros((blocks, width, width))
         xy = np.zeros((blocks, width))
         for b in self._chosen:
             rows = slice(self.edges[b], self.edges[b + 1])
-            x = columns[rows] * self._used[rows, None]
+            x = np.concatenate([c[rows] for c in columns], axis=1) * self._used[rows, None]
             mx[b] = inner(self.rows(rows), x)
             xx[b] = inner(x, x)
             xy[b] = x.T @ self._force[rows]

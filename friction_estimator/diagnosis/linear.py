@@ -31,16 +31,15 @@ class LinearFit:
         fixed = [c[:, 0] for c, t in beside if t.effect.fixed_gain]
         free = [c for c, t in beside if not t.effect.fixed_gain]
         settled = np.sum(fixed, axis=0)[:, None] if fixed else None
-        extra = np.column_stack(free) if free else None
         starts = [start]
         if problem is not self._base.problem:
             starts.append(replace(start, taps=np.zeros(start.taps.size)))
-        if settled is None or extra is None:
-            joined = None if extra is None else products.extra(extra)
-            still = None if settled is None else products.extra(settled)
+        if settled is None or not free:
+            joined = products.extra(free) if free else None
+            still = None if settled is None else products.extra([settled])
             return problem.fit(joined, still, self._rows, starts)
-        whole = products.extra(np.column_stack([extra, settled]))
-        c = extra.shape[1]
+        whole = products.extra([*free, settled])
+        c = whole.xx.shape[1] - 1
         joined = Extra(whole.mx[:, :, :c], whole.xx[:, :c, :c], whole.xy[:, :c] - whole.xx[:, :c, c])
         still = Extra(whole.mx[:, :, c:], whole.xx[:, c:, c:], whole.xy[:, c:])
         return problem.fit(joined, still, self._rows, starts)

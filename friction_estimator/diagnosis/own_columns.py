@@ -203,6 +203,7 @@ class OwnColumns:
             return self.problem
         key = [(t.name, t.params) for t in inside]
         if self._last is None or self._last[0] != key:
+            self._last = None  # both at once are not needed
             self._last = key, self.problem.with_static(self._static(inside), self._chosen)
         return self._last[1]
 
@@ -279,10 +280,12 @@ class OwnColumns:
         if film is None:
             return column
         tables = self.problem.tables
-        at_film, at_now = (tables.at(f.velocity_m_s, f.pressure_Pa) for f in (film.features, features))
-        change = film.share * (film.factor[:, None] * at_film - at_now)
+        change = tables.at(film.features.velocity_m_s, film.features.pressure_Pa)
+        change *= film.factor[:, None]
+        change -= tables.at(features.velocity_m_s, features.pressure_Pa)
+        change *= film.share
         change[:, :1] = column
-        return np.asarray(change)
+        return change
 
     def film(self, term: Term, features: Features, reference: Reference) -> "OnFilm | None":
         """Return what a film that lags makes of what is not the theory's, or None where it makes nothing of it."""

@@ -32,6 +32,10 @@ MOST_FORGOTTEN = 0.5
 """Share of the way from one turn that nobody saw to the next one that is left out at the most."""
 
 
+STAMPED = ("time_s", "step_s", "temperature_degC", "active_time_s", "piece", "recording")
+"""Features that do not follow from the motion and the pressure: they are shared where those are others."""
+
+
 @dataclass(frozen=True)
 class Record:
     """Everything that is fitted, in order of time.
@@ -98,7 +102,7 @@ class Record:
             if values is not None:
                 moved[name] = seen(name, values)
         made = feature_maker(config, self.reversal_speed_m_s)(replace(samples, **moved))  # type: ignore[arg-type]
-        return replace(made, recording=f.recording)
+        return replace(made, **{name: getattr(f, name) for name in STAMPED})
 
     def is_harmonic(self, frequency_hz: float) -> bool:
         """Return whether a line may be the trajectory's own (`core.intake.periods`)."""

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
 
 import numpy as np
 
@@ -49,9 +48,8 @@ class Sought:
         looked = self._scanned if self._base.changed_by(terms[-1]) else self._searched
         return looked(terms, base, reference, features)
 
-    @cached_property
     def _scan(self) -> LinearFit:
-        """A fit of every other block: enough to look for a time, which the steps that follow settle."""
+        """Return a fit of every other block: enough to look for a time, which the steps that follow settle."""
         blocks = self._base.problem.products.edges.size - 1
         rows = np.ones(blocks, np.bool_) if self._rows is None else self._rows.copy()
         rows[1 - int(rows[0]) :: 2] = False
@@ -62,11 +60,11 @@ class Sought:
     ) -> dict[str, float]:
         """Return the parameters of what changes the base's own columns at which everything else fits best."""
         effect, params = terms[-1].effect, dict(terms[-1].params)
-        name = effect.refined[0]
+        name, scan = effect.refined[0], self._scan()
 
         def fitted(value: float) -> Coefficients:
             trial = [*terms[:-1], replace(terms[-1], params=params | {name: value})]
-            return self._scan(trial, self._columns(trial, reference, features), base)
+            return scan(trial, self._columns(trial, reference, features), base)
 
         if effect.delays:
             ahead, longest = effect.late_s({name: 1.0}) < 0.0, longest_time_s(self._context)

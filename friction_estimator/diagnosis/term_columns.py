@@ -110,8 +110,11 @@ class TermColumns:
         lag = film_of(terms) if term.effect.follows_film() else None
         film = None if lag is None else self._on_film(lag, features, reference)
         if film is not None:
-            there = self._made(term, film.features, reference)
-            made = made + film.share * (film.factor[:, None] * there - made)
+            there = film.factor[:, None] * self._made(term, film.features, reference)
+            there -= made
+            there *= film.share
+            there += made
+            made = there
         if term.effect.carries(term.params) and (lag := film_of(terms)) is not None:
             made = made * self._level_on_film(lag, features, reference)[:, None]
         return made
@@ -129,8 +132,9 @@ class TermColumns:
             lacking = self._made(bristles, features, reference) @ bristles.weights
             self._lacking = features, bristles, lacking / reference.level(features.velocity_m_s, features.pressure_Pa)
         forward, sign = self._sliding(features, reference)
-        stands = self._made(term, forward, reference)
-        return made + (self._lacking[2] / sign)[:, None] * stands
+        carried = (self._lacking[2] / sign)[:, None] * self._made(term, forward, reference)
+        carried += made
+        return carried
 
     def _sliding(self, features: Features, reference: Reference) -> tuple[Features, Floats]:
         """Return the features of a forward motion at the same speeds with its smooth sign; the last ones are kept."""

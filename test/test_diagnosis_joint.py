@@ -1,0 +1,74 @@
+"""A fit holds numbers; what it is on the record is made on demand, the same whenever that is."""
+
+import gc
+
+import numpy as np
+import pytest
+from diagnosis_records import abba
+
+from friction_estimator.core.settings.config import Config
+from friction_estimator.diagnosis.base_problem import BaseProblem
+from friction_estimator.diagnosis.joint import Evaluated, Joint
+from friction_estimator.diagnosis.joint_fit import KEPT, JointFit
+from friction_estimator.diagnosis.own_columns import Term
+from friction_estimator.diagnosis.record import build_record
+from friction_estimator.effects import EFFECTS, parse_effect
+from friction_estimator.rig.simulate import Scenario, simulate
+
+SEAL = Config.from_mapping({"theory.kind": "seal"})
+
+OTHERS: list[list[Term]] = [
+    [],
+    [Term(EFFECTS["inertia"], {})],
+    [Term(EFFECTS["sensor_bias"], {})],
+    [Term(EFFECTS["time_delay"], {"delay": 0.002})],
+]
+
+
+def fit_of(hidden: str, plant: str = "clean") -> JointFit:
+    run = simulate(Scenario(abba(), plant, 200.0, 0.01, 3, (parse_effect(hidden),)))
+    data = build_record([run.samples], SEAL)
+    return JointFit(BaseProblem(data, SEAL), data.context(SEAL, float(np.abs(data.friction_N).max())))
+
+
+def seen(joint: Joint) -> list[np.ndarray]:
+    """Return all that a fit is on the record."""
+    f, ref = joint.features, joint.reference
+    made = [joint.base.fitted_N, ref.tables, f.force_N, joint.residual_N, *joint.parts_N, joint.tangent[:]]
+    return [np.array(values) for values in (*made, joint.penalty, joint.scales, joint.at_end)]
+
+
+@pytest.mark.parametrize(
+    "terms",
+    [
+        [],
+        [Term(EFFECTS["frictional_lag"], {"lag": 0.004, "rest": 0.0}), Term(EFFECTS["inertia"], {})],
+        # What runs at a stage of its own, before a time of the whole force, on what bristles carry.
+        [
+            Term(EFFECTS["presliding"], {"length": 64e-6, "spread": 1.0}),
+            Term(EFFECTS["sensor_lowpass"], {"time_constant": 2e-3, "poles": 1.0}),
+            Term(EFFECTS["saturation"], {"level": 9.0, "soft": 1.0}),
+        ],
+        [Term(EFFECTS["backlash"], {"gap": 1.2e-5, "soft": 1.0})],
+    ],
+    ids=["base", "film", "bristles behind a filter", "gap"],
+)
+def test_what_was_let_go_is_made_again_to_the_bit(terms) -> None:
+    fit = fit_of("frictional_lag:lag=0.004", "maxwell_slip" if len(terms) == 3 else "clean")
+    joint = fit(terms)
+    first, held = seen(joint), joint.residual_N
+    assert joint.residual_N is held
+    for others in OTHERS[: KEPT + 1]:
+        assert np.isfinite(fit(others).residual_N).all()
+    again = joint.residual_N
+    assert again is not held  # else this compares an array with itself
+    for before, after in zip(first, seen(joint), strict=True):
+        np.testing.assert_array_equal(before, after)
+
+
+def test_of_many_fits_few_have_what_is_as_long_as_the_record() -> None:
+    fit = fit_of("inertia:size=0.04")
+    joints = [fit(terms) for terms in OTHERS]
+    assert len({float(np.abs(joint.residual_N).sum()) for joint in joints}) == len(joints) > KEPT
+    gc.collect()
+    assert sum(isinstance(one, Evaluated) for one in gc.get_objects()) <= KEPT
