@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from friction_estimator.compiled import njit
+from friction_estimator.core import sums
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.features import Features
 from friction_estimator.effects.kernels import substeps
@@ -101,19 +102,22 @@ def first_order(
     parts : the columns, (n, c) each, at moments `part_s` apart of which the last one is that of the sample; linear
         between them. Where samples are closer than the first of these moments the last one alone counts.
     """
-    out = np.empty(parts[-1].shape)
-    _first_order(features.step_s, np.array(parts), part_s, time_constant_s, twice, out)
+    out = np.empty_like(parts[-1])
+    state = np.zeros((3, out.shape[1]))
+    for here in sums.parts(features.size):
+        together = np.array([part[here] for part in parts])
+        _first_order(features.step_s[here], together, part_s, time_constant_s, twice, here.start == 0, state, out[here])
     return out
 
 
 @njit(cache=True, error_model="numpy")
-def _first_order(step, parts, part_s, tau, twice, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def _first_order(step, parts, part_s, tau, twice, begins, states, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     count, width = parts.shape[0], parts.shape[2]
-    state, second, last = np.zeros(width), np.zeros(width), np.zeros(width)
+    state, second, last = states[0], states[1], states[2]  # they go on with the next samples
     of_part = np.exp(-part_s / tau)
     of_first, first_s = 1.0, 0.0  # kept: samples are evenly spaced, nearly everywhere
     for k in range(parts.shape[1]):
-        if k == 0 or step[k] <= 0.0:
+        if (begins and k == 0) or step[k] <= 0.0:
             for c in range(width):
                 state[c] = second[c] = last[c] = out[k, c] = parts[count - 1, k, c]
             continue
