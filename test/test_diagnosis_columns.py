@@ -96,7 +96,7 @@ def test_what_lies_beyond_a_bracket_is_no_gain() -> None:
     _, fit = fitted_to("backlash:gap=1e-5,form=1", "stribeck")
     alone = fit()
     late = fit([Term(EFFECTS["time_delay"], {"delay": 0.005})], alone.coefficients)
-    losses = [joint.held_out_loss(fit._record, 0).sum() for joint in (alone, late)]
+    losses = [joint.held_out_loss(alone.base.problem.record, 0).sum() for joint in (alone, late)]
     assert losses[1] > 0.98 * losses[0]
     assert late.at_end.any()
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.base import BaseFit, reference_of
+from friction_estimator.diagnosis.base_problem import BaseProblem
 from friction_estimator.diagnosis.joint import Evaluated, Solution, Source
 from friction_estimator.diagnosis.library import with_running_force
 from friction_estimator.diagnosis.own_columns import OwnColumns, Term, moves
@@ -34,12 +35,17 @@ class Evaluation:
 
     Parameters
     ----------
-    base : the problem with its own columns changed by terms. columns : of terms. context : facts about the record.
+    problem : the base model on the record. context : facts about it.
+
+    Attributes
+    ----------
+    base : the problem with its own columns changed by terms. columns : of terms. They keep what they made last.
     """
 
-    def __init__(self, base: OwnColumns, columns: TermColumns, context: Context) -> None:
-        self._base, self._columns, self._context = base, columns, context
-        self._record = base.problem.record
+    def __init__(self, problem: BaseProblem, context: Context) -> None:
+        self._context, self._record = context, problem.record
+        self.base = OwnColumns(problem, context)
+        self.columns = TermColumns(self.base)
         self._tables: tuple[Source, tuple[Reference, Features]] | None = None
 
     def tables(self, source: Source) -> tuple[Reference, Features]:
@@ -49,10 +55,10 @@ class Evaluation:
         """
         if self._tables is None or self._tables[0] is not source:
             coefficients, terms = source
-            fit = BaseFit.of(self._base(terms), coefficients)
+            fit = BaseFit.of(self.base(terms), coefficients)
             reference = reference_of(fit, self._record, self._context.sign_velocity_m_s)
             features = with_running_force(self._record.features, reference)
-            self._columns.settle(fit.fitted_N, terms, reference, features)
+            self.columns.settle(fit.fitted_N, terms, reference, features)
             self._tables = source, (reference, features)
         return self._tables[1]
 
@@ -74,13 +80,13 @@ class Evaluation:
             return np.zeros(features.size)
         params = term.params | {name: term.params[name] + step}
         trial = [*terms[:i], replace(term, params=params), *terms[i + 1 :]]
-        if self._base.changed_by(term):
-            moved = self._base.force(trial, fit.coefficients) - fit.fitted_N
+        if self.base.changed_by(term):
+            moved = self.base.force(trial, fit.coefficients) - fit.fitted_N
             for j, one in enumerate(terms):
                 if j != i and columns[j].size and moves(term, one):
-                    moved = moved + (self._columns.one(trial, j, reference, features) - columns[j]) @ one.weights
+                    moved = moved + (self.columns.one(trial, j, reference, features) - columns[j]) @ one.weights
             return np.asarray(moved / step)
-        moved = self._columns.one(trial, i, reference, features)
+        moved = self.columns.one(trial, i, reference, features)
         return np.asarray((moved - columns[i]) @ term.weights / step)
 
     def __call__(self, solution: Solution) -> Evaluated:
@@ -92,19 +98,19 @@ class Evaluation:
         coefficients, terms, anchors = solution.coefficients, solution.terms, solution.anchors
         reference, features = self.tables(solution.source)
         record = self._record
-        fit = BaseFit.of(self._base(terms), coefficients)
-        columns = self._columns(terms, reference, features)
+        fit = BaseFit.of(self.base(terms), coefficients)
+        columns = self.columns(terms, reference, features)
         parts, residual = [], record.friction_N - fit.fitted_N
         for column, term in zip(columns, terms, strict=True):
-            if self._base.changed_by(term):
-                parts.append(fit.fitted_N - self._base.force([t for t in terms if t is not term], coefficients))
+            if self.base.changed_by(term):
+                parts.append(fit.fitted_N - self.base.force([t for t in terms if t is not term], coefficients))
             else:
                 parts.append(column @ term.weights)
                 residual = residual - parts[-1]
         beside, scales = list[Floats](), [np.ones(fit.tangent.shape[1])]
         held: list[Floats] = []
         ended = [np.zeros(fit.tangent.shape[1], np.bool_)]
-        usual = LEAST_SLOPE * self._base.problem.scale
+        usual = LEAST_SLOPE * self.base.problem.scale
         for i, (term, column) in enumerate(zip(terms, columns, strict=True)):
             slopes = [] if term.effect.fixed_gain else [column]
             refined = [name for name in term.refined if term.params[name] != 0.0]
@@ -126,7 +132,7 @@ class Evaluation:
         tangent = fit.tangent.beside_it(beside)
         # What is screened beside this model acts on the whole force before the sensor.
         inside = [
-            p for p, t in zip(parts, terms, strict=True) if not self._base.changed_by(t) and t.effect.stage in FINE
+            p for p, t in zip(parts, terms, strict=True) if not self.base.changed_by(t) and t.effect.stage in FINE
         ]
         features = features.with_force(fit.fitted_N + sum(inside))
         steps, at_ends = np.concatenate(scales), np.concatenate(ended)

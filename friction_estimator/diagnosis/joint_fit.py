@@ -1,45 +1,15 @@
-"""Base model and named effects fitted together: their nonlinear parameters are refined, or sought everywhere first."""
+"""Base model and named effects fitted together to a record, or to a part of it."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from functools import lru_cache
 
-import numpy as np
-
-from friction_estimator.core.sample import Bools, Floats
-from friction_estimator.diagnosis.base import BaseFit
+from friction_estimator.core.sample import Bools
 from friction_estimator.diagnosis.base_problem import BaseProblem, Coefficients
-from friction_estimator.diagnosis.evaluation import LEAST_SLOPE, Evaluation
-from friction_estimator.diagnosis.joint import Joint, Solution, Source
-from friction_estimator.diagnosis.linear import LinearFit
-from friction_estimator.diagnosis.own_columns import OwnColumns, Term, largest_change, weighted
-from friction_estimator.diagnosis.seek import beside, downhill
-from friction_estimator.diagnosis.sought import Sought
-from friction_estimator.diagnosis.tangent import normal_equations
-from friction_estimator.diagnosis.term_columns import TermColumns
+from friction_estimator.diagnosis.descent import ROUNDS, Descent
+from friction_estimator.diagnosis.evaluation import Evaluation
+from friction_estimator.diagnosis.joint import Evaluated, Joint, Solution
+from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.effects.features import Context
-
-ROUNDS = 14
-SETTLED, SETTLED_COST = 1e-3, 2e-3
-"""Most rounds of the joint fit, and the relative changes of its parameters and of its cost at which they end.
-
-A column is made from tables of the base, and the base is fitted beside the column: a fixed point, whose cost still
-falls by a tenth a round where a parameter moves by a thousandth of its bracket."""
-
-RISES, RUN_AWAY = 4, 1.01
-"""Rounds in a row without a lower cost after which a joint fit ends, and the cost over the lowest one from which that
-round is taken instead: a fixed point may run away."""
-
-DAMPINGS = (1.0, 0.5, 0.25, 0.1)
-"""Shares of a Gauss-Newton step of the refined parameters that are tried, the first that descends is taken."""
-
-IN_VAIN = 2
-"""Rounds in a row in which no share of that step descends after which the refined parameters stay: 97 of 100 later
-steps fail, too, the others gain less than 5e-4 of the cost. The rounds that follow settle the tables."""
-
-MOVED = 0.05
-"""Share of the logarithm of its bracket beyond which a parameter that is sought anew lies in another minimum."""
-
 
 KEPT = 2
 """Fits of which what they are on the record is kept: two are compared. More of them saved a third of what is made, in
@@ -59,14 +29,12 @@ class JointFit:
 
     def __init__(self, problem: BaseProblem, context: Context, rows: Bools | None = None) -> None:
         self._problem, self._context, self._rows = problem, context, rows
-        self._record = problem.record
-        self._used = self._record.used if rows is None else self._record.used & rows[self._record.block]
-        self._base = OwnColumns(problem, context)
-        self._columns = TermColumns(self._base)
-        self._linear = LinearFit(self._base, rows)
-        self._sought = Sought(self._base, self._columns, context, rows)
-        self._evaluation = Evaluation(self._base, self._columns, context)
-        self._evaluated = lru_cache(KEPT)(self._evaluation)
+
+        @lru_cache(KEPT)
+        def evaluated(solution: Solution) -> Evaluated:
+            return Evaluation(problem, context)(solution)
+
+        self._evaluated = evaluated
 
     def __call__(
         self, terms: Sequence[Term] = (), start: Coefficients | None = None, rounds: int = ROUNDS, search: bool = True
@@ -81,10 +49,7 @@ class JointFit:
         base = start if start is not None else self._problem.fit(rows=self._rows)
         if not terms:
             return Joint(Solution(base, (), (base, ()), ()), self._evaluated)
-        found = self._fit(list(terms), base, rounds, search)
-        last = terms[-1].effect
-        steps = [name for name in last.refined if name in last.steps and last.fixed_gain]
-        return self._walked(found, terms, steps[0], base, rounds) if search and steps else found
+        return Joint(self._descent()(terms, base, rounds, search), self._evaluated)
 
     def without(self, joint: Joint, i: int) -> Joint:
         """Return a fit without one of its terms, the others refined from where they are."""
@@ -93,114 +58,7 @@ class JointFit:
 
     def elsewhere(self, terms: Sequence[Term], start: Coefficients) -> bool:
         """Return whether a search for the last term's refined parameters ends elsewhere than where they are."""
-        term = terms[-1]
-        reference, features = self._evaluation.tables((start, tuple(terms)))
-        found = self._sought(terms, start, self._sought.tables(term, reference), features)
-        for name in term.refined:
-            here, there = term.params[name], found[name]
-            low, high = term.effect.bracket(name, here, self._context)
-            if here != there and (name in term.effect.steps or abs(np.log(there / here)) > MOVED * np.log(high / low)):
-                return True
-        return False
+        return self._descent().elsewhere(terms, start)
 
-    def _walked(self, found: Joint, terms: Sequence[Term], name: str, base: Coefficients, rounds: int) -> Joint:
-        """Return the fit on the best plateau of a jumping parameter, from the one that a search has put it on.
-
-        The search sees a base that has bent towards the effect: the plateau beside the true one may look better.
-        """
-        reference, features = self._evaluation.tables((base, tuple(terms)))
-
-        def trial(params: Mapping[str, float], at: float) -> list[Term]:
-            return [*terms[:-1], replace(terms[-1], params={**params, name: at})]
-
-        def neighbours(here: Joint) -> list[Joint]:
-            params = here.terms[-1].params
-
-            def columns(at: float) -> Floats:
-                return self._columns.one(trial(params, at), len(terms) - 1, reference, features)
-
-            low, high = terms[-1].effect.bracket(name, params[name], self._context)
-            places = beside(lambda a, b: np.array_equal(columns(a), columns(b)), params[name], low, high)
-            return [self._fit(trial(params, at), base, rounds, search=False) for at in places]
-
-        return downhill(found, neighbours, lambda joint: joint.coefficients.cost)
-
-    def _fit(self, terms: list[Term], base: Coefficients, rounds: int, search: bool) -> Joint:
-        """Fit terms from where they are, or from where a search has put the last one."""
-        source = base, tuple(terms)
-        reference, features = self._evaluation.tables(source)
-        if search:
-            reference = self._sought.tables(terms[-1], reference)
-            terms[-1] = replace(terms[-1], params=self._sought(terms, base, reference, features))
-        anchors = tuple({n: t.effect.bracket(n, t.params[n], self._context) for n in t.refined} for t in terms)
-        columns = self._columns(terms, reference, features)
-        base = self._linear(terms, columns, base)
-        terms = weighted(terms, columns, base.extra)
-        last = Solution(base, tuple(terms), source, anchors)
-        best, since, in_vain = None, 0, 0
-        for _ in range(rounds):
-            before = last
-            last = self._stepped((before.coefficients, before.terms), anchors, stay=in_vain >= IN_VAIN)
-            stayed = all(new.params == old.params for new, old in zip(last.terms, before.terms, strict=True))
-            in_vain = in_vain + 1 if stayed else 0
-            cost, was = last.coefficients.cost, before.coefficients.cost
-            best, since = (last, 0) if best is None or cost < best.coefficients.cost else (best, since + 1)
-            still = abs(cost - was) < SETTLED_COST * was
-            if since == RISES or (still and largest_change(before.terms, last.terms, anchors) < SETTLED):
-                break
-        if best is not None and last.coefficients.cost > RUN_AWAY * best.coefficients.cost:
-            last = best
-        return Joint(last, self._evaluated)
-
-    def _stepped(self, source: Source, anchors: tuple[Mapping[str, tuple[float, float]], ...], stay: bool) -> Solution:
-        """Return a model after one Gauss-Newton step of all refined parameters that descends.
-
-        Parameters in which the columns jump stay where the search has put them, all of them if they are to `stay`.
-        """
-        base, terms = source[0], list(source[1])
-        reference, features = self._evaluation.tables(source)
-        columns = self._columns(terms, reference, features)
-        here = self._linear(terms, columns, base)
-        terms = weighted(terms, columns, here.extra)
-        still = Solution(here, tuple(terms), source, anchors)
-        places = [(i, n) for i, t in enumerate(terms) for n in t.refined if not stay and n not in t.effect.steps]
-        steps = self._steps(still, columns, places) if places else {}
-        if not steps:
-            return still
-        for share in DAMPINGS:
-            trial = list(terms)
-            for (i, name), step in steps.items():
-                value = float(np.clip(trial[i].params[name] + share * step, *anchors[i][name]))
-                trial[i] = replace(trial[i], params=trial[i].params | {name: value})
-            other = self._columns(trial, reference, features)
-            there = self._linear(trial, other, here)
-            if there.cost < here.cost:
-                return Solution(there, tuple(weighted(trial, other, there.extra)), source, anchors)
-        return still
-
-    def _steps(
-        self, here: Solution, columns: Sequence[Floats], places: Sequence[tuple[int, str]]
-    ) -> dict[tuple[int, str], float]:
-        """Return the undamped steps of some refined parameters, of those that change anything.
-
-        Parameters
-        ----------
-        here : the model. columns : of its terms. places : number of the term and name of each parameter.
-        """
-        terms, used = here.terms, self._used
-        reference, features = self._evaluation.tables(here.source)
-        fit = BaseFit.of(self._base(terms), here.coefficients)
-        slopes = [self._evaluation.slope(terms, i, name, columns, fit, features, reference) for i, name in places]
-        # What changes nothing here (a share of nothing) has a slope of rounding only.
-        shown = [float(np.std(s)) > LEAST_SLOPE * self._problem.scale for s in slopes]
-        places = [place for place, so in zip(places, shown, strict=True) if so]
-        slopes = [slope for slope, so in zip(slopes, shown, strict=True) if so]
-        if not places:
-            return {}
-        parts = sum((c @ t.weights for c, t in zip(columns, terms, strict=True) if c.size), np.zeros(features.size))
-        e = self._record.friction_N - fit.fitted_N - parts
-        free = [c for c, t in zip(columns, terms, strict=True) if not t.effect.fixed_gain]
-        norm, gram, right = normal_equations(fit.tangent, [*free, *(s[:, None] for s in slopes)], e, used)
-        penalty = np.concatenate([fit.penalty, np.zeros(norm.size - fit.penalty.size)]) + 1e-9 * used.sum()
-        delta = np.linalg.solve(gram + np.diag(penalty), right) / norm
-        return dict(zip(places, delta[delta.size - len(places) :].tolist(), strict=True))
+    def _descent(self) -> Descent:
+        return Descent(self._problem, self._context, self._rows)
