@@ -10,7 +10,7 @@ from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import BaseProblem
 from friction_estimator.diagnosis.joint import Evaluated, Joint
 from friction_estimator.diagnosis.joint_fit import KEPT, JointFit
-from friction_estimator.diagnosis.own_columns import Term
+from friction_estimator.diagnosis.own_columns import OwnColumns, Term
 from friction_estimator.diagnosis.record import build_record
 from friction_estimator.effects import EFFECTS, parse_effect
 from friction_estimator.rig.simulate import Scenario, simulate
@@ -72,3 +72,17 @@ def test_of_many_fits_few_have_what_is_as_long_as_the_record() -> None:
     assert len({float(np.abs(joint.residual_N).sum()) for joint in joints}) == len(joints) > KEPT
     gc.collect()
     assert sum(isinstance(one, Evaluated) for one in gc.get_objects()) <= KEPT
+
+
+def test_a_fit_that_is_done_leaves_nothing_to_a_search_for_garbage() -> None:
+    """Those are seldom: with a cycle in it, what a fit had made of the record stayed for dozens of fits."""
+    fit = fit_of("frictional_lag:lag=0.004")
+    gc.collect()
+    before = sum(isinstance(one, OwnColumns) for one in gc.get_objects())
+    gc.disable()
+    try:
+        joint = fit([Term(EFFECTS["frictional_lag"], {"lag": 0.004, "rest": 1.0}), Term(EFFECTS["inertia"], {})])
+        assert np.isfinite(joint.residual_N).all()
+        assert sum(isinstance(one, OwnColumns) for one in gc.get_objects()) == before
+    finally:
+        gc.enable()

@@ -8,7 +8,7 @@ settle, while the lag, fitted beside a wrong gain, hardly moves (decision 0132).
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -175,7 +175,8 @@ class OwnColumns:
         self._last: tuple[list[tuple[str, dict[str, float]]], BaseProblem] | None = None
         self._moved: tuple[tuple[str, dict[str, float]], Features] | None = None
         self._timed: tuple[tuple[str, dict[str, float]], Floats] | None = None
-        self._changes = LastMade(self._change)
+        # No method: this object and what it makes would keep each other alive until a search for garbage.
+        self._changes = LastMade(partial(_film_change, problem))
 
     def on(self, chosen: Bools) -> "OwnColumns":
         """Return the same of which products are formed on some blocks alone, (blocks,) bool; it shares what is kept."""
@@ -273,26 +274,28 @@ class OwnColumns:
             self._timed = key, time.effect.whole(time.params, problem.tables, problem.record.features)
         return self._timed[1]
 
-    def _change(self, term: Term, features: Features, theory: Reference) -> Floats:
-        """Return what a film that lags changes in the base's own columns, (n, m), or in the first one, (n, 1)."""
-        column = term.columns(features, theory)
-        film = self.film(term, features, theory)
-        if film is None:
-            return column
-        tables = self.problem.tables
-        change = tables.at(film.features.velocity_m_s, film.features.pressure_Pa)
-        change *= film.factor[:, None]
-        change -= tables.at(features.velocity_m_s, features.pressure_Pa)
-        change *= film.share
-        change[:, :1] = column
-        return change
 
-    def film(self, term: Term, features: Features, reference: Reference) -> "OnFilm | None":
-        """Return what a film that lags makes of what is not the theory's, or None where it makes nothing of it."""
-        made = term.effect.film(term.params, features, reference)
-        if made is None:
-            return None
-        share, speed = made
-        v = features.velocity_m_s
-        moved = replace(features, velocity_m_s=np.sign(v) * speed)
-        return OnFilm(share, moved, np.abs(reference.smooth_sign(v)) / reference.smooth_sign(speed))
+def on_film(term: Term, features: Features, reference: Reference) -> OnFilm | None:
+    """Return what a film that lags makes of what is not the theory's, or None where it makes nothing of it."""
+    made = term.effect.film(term.params, features, reference)
+    if made is None:
+        return None
+    share, speed = made
+    v = features.velocity_m_s
+    moved = replace(features, velocity_m_s=np.sign(v) * speed)
+    return OnFilm(share, moved, np.abs(reference.smooth_sign(v)) / reference.smooth_sign(speed))
+
+
+def _film_change(problem: BaseProblem, term: Term, features: Features, theory: Reference) -> Floats:
+    """Return what a film that lags changes in the base's own columns, (n, m), or in the first one, (n, 1)."""
+    column = term.columns(features, theory)
+    film = on_film(term, features, theory)
+    if film is None:
+        return column
+    tables = problem.tables
+    change = tables.at(film.features.velocity_m_s, film.features.pressure_Pa)
+    change *= film.factor[:, None]
+    change -= tables.at(features.velocity_m_s, features.pressure_Pa)
+    change *= film.share
+    change[:, :1] = column
+    return change

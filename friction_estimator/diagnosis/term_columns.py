@@ -20,6 +20,7 @@ from friction_estimator.diagnosis.own_columns import (
     Term,
     before,
     film_of,
+    on_film,
     time_of,
 )
 from friction_estimator.effects.features import Features
@@ -162,7 +163,7 @@ class TermColumns:
         """Return what follows a film that lags, with the running force there; those of the last moments are kept."""
         kept = self._films.get(id(features))
         if kept is None or kept[0] is not features or kept[1] != lag.params:
-            film = self._base.film(lag, features, reference)
+            film = on_film(lag, features, reference)
             if film is not None:
                 film = replace(film, features=with_running_force(film.features, reference))
             if len(self._films) >= PARTS:
