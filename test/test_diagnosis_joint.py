@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from diagnosis_records import abba
 
+from friction_estimator.core import sums
 from friction_estimator.core.settings.config import Config
+from friction_estimator.diagnosis import own_columns, term_columns
 from friction_estimator.diagnosis.base_problem import BaseProblem
 from friction_estimator.diagnosis.joint import Evaluated, Joint
 from friction_estimator.diagnosis.joint_fit import KEPT, JointFit
@@ -23,6 +25,20 @@ OTHERS: list[list[Term]] = [
     [Term(EFFECTS["sensor_bias"], {})],
     [Term(EFFECTS["time_delay"], {"delay": 0.002})],
 ]
+
+BRISTLES = Term(EFFECTS["presliding"], {"length": 64e-6, "spread": 1.0})
+UNLIKE = Term(EFFECTS["direction_asymmetry"], {"shape": 2.0})
+FILM = Term(EFFECTS["frictional_lag"], {"lag": 0.004, "rest": 1.0})
+
+# What runs at a stage of its own, before a time of the whole force, on what bristles carry.
+BEHIND_A_FILTER = [
+    BRISTLES,
+    UNLIKE,
+    Term(EFFECTS["sensor_lowpass"], {"time_constant": 2e-3, "poles": 1.0}),
+    Term(EFFECTS["saturation"], {"level": 9.0, "soft": 1.0}),
+]
+ON_A_FILM = [BRISTLES, UNLIKE, FILM]
+LATE = [FILM, UNLIKE, Term(EFFECTS["time_delay"], {"delay": 0.002})]
 
 
 def fit_of(hidden: str, plant: str = "clean") -> JointFit:
@@ -43,18 +59,13 @@ def seen(joint: Joint) -> list[np.ndarray]:
     [
         [],
         [Term(EFFECTS["frictional_lag"], {"lag": 0.004, "rest": 0.0}), Term(EFFECTS["inertia"], {})],
-        # What runs at a stage of its own, before a time of the whole force, on what bristles carry.
-        [
-            Term(EFFECTS["presliding"], {"length": 64e-6, "spread": 1.0}),
-            Term(EFFECTS["sensor_lowpass"], {"time_constant": 2e-3, "poles": 1.0}),
-            Term(EFFECTS["saturation"], {"level": 9.0, "soft": 1.0}),
-        ],
+        BEHIND_A_FILTER,
         [Term(EFFECTS["backlash"], {"gap": 1.2e-5, "soft": 1.0})],
     ],
     ids=["base", "film", "bristles behind a filter", "gap"],
 )
 def test_what_was_let_go_is_made_again_to_the_bit(terms) -> None:
-    fit = fit_of("frictional_lag:lag=0.004", "maxwell_slip" if len(terms) == 3 else "clean")
+    fit = fit_of("frictional_lag:lag=0.004", "maxwell_slip" if BRISTLES in terms else "clean")
     joint = fit(terms)
     first, held = seen(joint), joint.residual_N
     assert joint.residual_N is held
@@ -86,3 +97,16 @@ def test_a_fit_that_is_done_leaves_nothing_to_a_search_for_garbage() -> None:
         assert sum(isinstance(one, OwnColumns) for one in gc.get_objects()) == before
     finally:
         gc.enable()
+
+
+@pytest.mark.parametrize("most", [0, 1 << 30], ids=["nothing kept", "all kept"])
+@pytest.mark.parametrize("terms", [BEHIND_A_FILTER, ON_A_FILM, LATE], ids=["filter", "film", "delay"])
+def test_a_record_in_pieces_gives_what_it_does_as_a_whole(terms, most, monkeypatch) -> None:
+    fit = fit_of("frictional_lag:lag=0.004", "maxwell_slip")
+    whole = seen(fit(terms, rounds=1))
+    for module in (own_columns, term_columns):
+        monkeypatch.setattr(module, "parts", lambda n: sums.parts(n, 777))
+    monkeypatch.setattr(own_columns, "MOST_KEPT", most)
+    for one, other in zip(whole, seen(fit(terms, rounds=1)), strict=True):
+        # Columns lie in memory in another order, and so products round in another.
+        np.testing.assert_allclose(other, one, rtol=1e-9, atol=1e-10 * float(np.abs(one).max(initial=0.0)))

@@ -16,7 +16,7 @@ from friction_estimator.diagnosis.lack_of_fit import Wider
 from friction_estimator.diagnosis.pressures import pressure_range
 from friction_estimator.effects.features import Features
 from friction_estimator.effects.shapes import HATS, hats
-from friction_estimator.effects.whole import first_order
+from friction_estimator.effects.whole import FirstOrder
 
 TENTHS = 10
 """Parts of the pressures' range that count as one pressure each."""
@@ -72,5 +72,5 @@ def _behind(place: Floats, features: Features, count: int) -> Floats:
     apart_s = np.where(same, np.diff(features.time_s, prepend=features.time_s[0]), 0.0)
     whole = replace(features, step_s=apart_s)  # a pause is time, too
     held_s = float(apart_s.sum()) / count
-    lags = [first_order([place[:, None]], whole, 0.0, share * held_s) for share in LATE if held_s > 0.0]
+    lags = [FirstOrder(0.0, share * held_s)([place[:, None]], whole.step_s) for share in LATE if held_s > 0.0]
     return np.column_stack([place[:, None] - lag for lag in lags]) if lags else np.zeros((place.size, 0))

@@ -5,14 +5,16 @@ the film's column would be made from the theory's gain of the fit before it: a f
 settle, while the lag, fitted beside a wrong gain, hardly moves (decision 0132).
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from itertools import chain, islice
 
 import numpy as np
 
 from friction_estimator.core.sample import Bools, Floats
+from friction_estimator.core.sums import parts
 from friction_estimator.diagnosis.base import theory_reference
 from friction_estimator.diagnosis.base_problem import BaseProblem, Coefficients
 from friction_estimator.diagnosis.lagged import force
@@ -55,6 +57,11 @@ class Term:
     def columns(self, features: Features, reference: Reference) -> Floats:
         """Return its columns beside nothing else, (n, c)."""
         return columns_of(self.effect, self.params, features, reference)
+
+    def pieces(self, features: Features, reference: Reference) -> Iterator[Floats]:
+        """Yield them for one of `parts` after the other, (n_part, c)."""
+        machine = self.effect.columns(self.params)
+        return (machine(features[part], reference) for part in parts(features.size))
 
 
 def before(one: type[Effect], other: type[Effect]) -> bool:
@@ -119,16 +126,17 @@ class LastMade:
 
     Parameters
     ----------
-    make : what makes it, (n, c), of a term, the features of a moment and a reference. Nobody writes into what is kept.
+    make : what makes it of a term, the features of a moment and a reference, (n_part, c) for one of `parts` after the
+        other. Nobody writes into what is kept.
     """
 
-    def __init__(self, make: Callable[[Term, Features, Reference], Floats]) -> None:
+    def __init__(self, make: Callable[[Term, Features, Reference], Iterator[Floats]]) -> None:
         self._make = make
         self._reference: Reference | None = None
         self._at: dict[int, tuple[Features, dict[str, tuple[dict[str, float], Floats]]]] = {}
 
-    def __call__(self, term: Term, features: Features, reference: Reference) -> Floats:
-        """Return what is made of a term, (n, c)."""
+    def __call__(self, term: Term, features: Features, reference: Reference) -> Iterator[Floats]:
+        """Yield what is made of a term, (n_part, c), for one of `parts` after the other."""
         if self._reference is not reference:
             self._reference, self._at = reference, {}
         kept = self._at.get(id(features))
@@ -137,13 +145,30 @@ class LastMade:
                 self._at.clear()
             kept = self._at[id(features)] = features, {}
         last = kept[1].get(term.name)
-        if last is not None and last[0] == term.params:
-            return last[1]
-        made = self._make(term, features, reference)
-        kept[1].pop(term.name, None)
-        if made.nbytes + sum(m.nbytes for _, here in self._at.values() for _, m in here.values()) <= MOST_KEPT:
-            kept[1][term.name] = term.params, made
-        return made
+        if last is None or last[0] != term.params:
+            made = self._make(term, features, reference)
+            first = next(made)
+            kept[1].pop(term.name, None)
+            size = first.nbytes * features.size // len(first)
+            if size + sum(m.nbytes for _, here in self._at.values() for _, m in here.values()) > MOST_KEPT:
+                yield first
+                yield from made
+                return
+            last = kept[1][term.name] = term.params, whole(chain([first], made), features.size)
+        for part in parts(features.size):
+            yield last[1][part]
+
+
+def whole(made: Iterator[Floats], n: int) -> Floats:
+    """Return what is made piece by piece as one, (n, c)."""
+    first = next(made)
+    if len(first) == n:
+        return first
+    out = np.empty((n, first.shape[1]))
+    out[: len(first)] = first
+    for part, values in zip(islice(parts(n), 1, None), made, strict=True):
+        out[part] = values
+    return out
 
 
 @dataclass(frozen=True)
@@ -261,9 +286,11 @@ class OwnColumns:
             if term.effect.delays:
                 continue
             change = [self._changes(term, features, self._theory) for features in self.moments(time, here)]
-            made = change[-1] if time is None else time.effect.smoothed(time.params, change, here, self.part_s)
+            smooth = None if time is None else time.effect.smoother(time.params, self.part_s)
             static = static.copy()
-            static[:, : made.shape[1]] += made
+            for part, *at_moments in zip(parts(here.size), *change, strict=True):
+                made = at_moments[-1] if smooth is None else smooth(at_moments, here.step_s[part])
+                static[part, : made.shape[1]] += made
         return static
 
     def _whole(self, time: Term) -> Floats:
@@ -286,16 +313,17 @@ def on_film(term: Term, features: Features, reference: Reference) -> OnFilm | No
     return OnFilm(share, moved, np.abs(reference.smooth_sign(v)) / reference.smooth_sign(speed))
 
 
-def _film_change(problem: BaseProblem, term: Term, features: Features, theory: Reference) -> Floats:
-    """Return what a film that lags changes in the base's own columns, (n, m), or in the first one, (n, 1)."""
-    column = term.columns(features, theory)
-    film = on_film(term, features, theory)
-    if film is None:
-        return column
-    tables = problem.tables
-    change = tables.at(film.features.velocity_m_s, film.features.pressure_Pa)
-    change *= film.factor[:, None]
-    change -= tables.at(features.velocity_m_s, features.pressure_Pa)
-    change *= film.share
-    change[:, :1] = column
-    return change
+def _film_change(problem: BaseProblem, term: Term, features: Features, theory: Reference) -> Iterator[Floats]:
+    """Yield what a film that lags changes in the base's own columns, (n_part, m), or in the first one, (n_part, 1)."""
+    film, column, tables = on_film(term, features, theory), term.effect.columns(term.params), problem.tables
+    for part in parts(features.size):
+        first = column(features[part], theory)
+        if film is None:
+            yield first
+            continue
+        change = tables.at(film.features.velocity_m_s[part], film.features.pressure_Pa[part])
+        change *= film.factor[part, None]
+        change -= tables.at(features.velocity_m_s[part], features.pressure_Pa[part])
+        change *= film.share
+        change[:, :1] = first
+        yield change

@@ -4,12 +4,13 @@ An effect that scales a force scales all of it that is there at its stage: the b
 the other effects of the model. What the friction law is made of is carried by bristles with the rest of the law.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from friction_estimator.core.sample import Floats
+from friction_estimator.core.sums import parts
 from friction_estimator.diagnosis.library import with_running_force
 from friction_estimator.diagnosis.own_columns import (
     MOMENTS,
@@ -22,6 +23,7 @@ from friction_estimator.diagnosis.own_columns import (
     film_of,
     on_film,
     time_of,
+    whole,
 )
 from friction_estimator.effects.features import Features
 from friction_estimator.effects.reference import Reference
@@ -49,7 +51,7 @@ class TermColumns:
         self._lacking: tuple[Features, Term, Floats] | None = None
         self._forward: dict[int, tuple[Features, Reference, Features, Floats]] = {}
         self._levels: tuple[Features, Reference, dict[str, float], Floats] | None = None
-        self._made = LastMade(Term.columns)
+        self._made = LastMade(Term.pieces)
 
     def settle(self, fitted_N: Floats, terms: Sequence[Term], reference: Reference, features: Features) -> None:
         """Take the force that runs at the stage of each term from a fit, for columns at these features.
@@ -88,8 +90,12 @@ class TermColumns:
             return term.columns(features.with_force(forces[term.name]), reference)
         if time is not None and not before(term.effect, time.effect):
             time = None
-        parts = [self._at(term, terms, reference, moment) for moment in self._moments(time, reference, features)]
-        return parts[-1] if time is None else time.effect.smoothed(time.params, parts, features, self._base.part_s)
+        made = [self._at(term, terms, reference, moment) for moment in self._moments(time, reference, features)]
+        if time is None:
+            return whole(made[-1], features.size)
+        smooth = time.effect.smoother(time.params, self._base.part_s)
+        steps = (features.step_s[part] for part in parts(features.size))
+        return whole((smooth(now, step) for *now, step in zip(*made, steps, strict=True)), features.size)
 
     def _moments(self, time: Term | None, reference: Reference, features: Features) -> list[Features]:
         """Return the features of `OwnColumns.moments` with the base's force; the last ones made are kept."""
@@ -102,40 +108,35 @@ class TermColumns:
             kept = self._forced = reference, moments, made
         return kept[2]
 
-    def _at(self, term: Term, terms: Sequence[Term], reference: Reference, features: Features) -> Floats:
-        """Return the columns of a term, (n, c), as they are at the moment of these features."""
+    def _at(self, term: Term, terms: Sequence[Term], reference: Reference, features: Features) -> Iterator[Floats]:
+        """Yield the columns of a term, (n_part, c), as they are at the moment of these features, part after part."""
+        made = self._made(term, features, reference)
         if term.effect.stage == STAGES[0]:
-            made = self._on_bristles(term, terms, reference, features)
-        else:
-            made = self._made(term, features, reference)
-        lag = film_of(terms) if term.effect.follows_film() else None
-        film = None if lag is None else self._on_film(lag, features, reference)
+            made = self._on_bristles(made, term, terms, reference, features)
+        lag = film_of(terms)
+        film = None if lag is None or not term.effect.follows_film() else self._on_film(lag, features, reference)
         if film is not None:
-            there = film.factor[:, None] * self._made(term, film.features, reference)
-            there -= made
-            there *= film.share
-            there += made
-            made = there
-        if term.effect.carries(term.params) and (lag := film_of(terms)) is not None:
-            made = made * self._level_on_film(lag, features, reference)[:, None]
+            made = _on(film, made, self._made(term, film.features, reference))
+        if lag is not None and term.effect.carries(term.params):
+            level = self._level_on_film(lag, features, reference)
+            made = (m * level[part, None] for m, part in zip(made, parts(features.size), strict=True))
         return made
 
-    def _on_bristles(self, term: Term, terms: Sequence[Term], reference: Reference, features: Features) -> Floats:
-        """Return the columns of a term of the friction law, (n, c), as bristles carry them.
+    def _on_bristles(
+        self, made: Iterator[Floats], term: Term, terms: Sequence[Term], reference: Reference, features: Features
+    ) -> Iterator[Floats]:
+        """Return the columns of a term of the friction law, (n_part, c), as bristles carry them.
 
         What they lack, as a share of the level that they carry, the term lacks of its own level.
         """
-        made = self._made(term, features, reference)
         bristles = next((t for t in terms if t.weights.size and t.effect.carries(t.params)), None)
         if bristles is None:
             return made
         if self._lacking is None or self._lacking[0] is not features or self._lacking[1] is not bristles:
-            lacking = self._made(bristles, features, reference) @ bristles.weights
+            lacking = whole(self._made(bristles, features, reference), features.size) @ bristles.weights
             self._lacking = features, bristles, lacking / reference.level(features.velocity_m_s, features.pressure_Pa)
         forward, sign = self._sliding(features, reference)
-        carried = (self._lacking[2] / sign)[:, None] * self._made(term, forward, reference)
-        carried += made
-        return carried
+        return _carried(made, self._lacking[2] / sign, self._made(term, forward, reference))
 
     def _sliding(self, features: Features, reference: Reference) -> tuple[Features, Floats]:
         """Return the features of a forward motion at the same speeds with its smooth sign; the last ones are kept."""
@@ -170,3 +171,21 @@ class TermColumns:
                 self._films.clear()
             kept = self._films[id(features)] = features, lag.params, film
         return kept[2]
+
+
+def _on(film: OnFilm, made: Iterator[Floats], there: Iterator[Floats]) -> Iterator[Floats]:
+    """Yield columns of which a share follows a film, (n_part, c), of those at the velocity and those at its speed."""
+    for now, on_it, part in zip(made, there, parts(film.factor.size), strict=True):
+        out = film.factor[part, None] * on_it
+        out -= now
+        out *= film.share
+        out += now
+        yield out
+
+
+def _carried(made: Iterator[Floats], share: Floats, stands: Iterator[Floats]) -> Iterator[Floats]:
+    """Yield columns, (n_part, c), with a share (n,) of what they are on bristles that have settled."""
+    for now, settled, part in zip(made, stands, parts(share.size), strict=True):
+        out = share[part, None] * settled
+        out += now
+        yield out

@@ -5,7 +5,7 @@ diagnosis proposes for it (`grid`, `columns`), and what a test engineer should k
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
@@ -259,12 +259,13 @@ class Effect:
         return values
 
     @classmethod
-    def smoothed(cls, params: Params, parts: Sequence[Floats], features: Features, part_s: float) -> Floats:  # noqa: ARG003
-        """Return what it makes of an earlier stage's columns, (n, c), beside that lateness; where it `delays`.
+    def smoother(cls, params: Params, part_s: float) -> Callable[[Sequence[Floats], Floats], Floats]:  # noqa: ARG003
+        """Return what it makes of an earlier stage's columns beside that lateness, samples after samples.
 
-        `parts` are the columns at moments `part_s` apart, the last one that of the sample; one unless it smooths.
+        It takes the columns, (n, c) each, at moments `part_s` apart, the last one that of the sample, one unless it
+        smooths; and (n,), the time to the sample before each.
         """
-        return parts[-1]
+        return lambda parts, _: parts[-1]
 
     @classmethod
     def film(cls, params: Params, features: Features, reference: Reference) -> tuple[float, Floats] | None:

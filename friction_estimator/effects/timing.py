@@ -1,6 +1,6 @@
 """The time of the force channel against the velocity channel: late, filtered, or ahead."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import ClassVar
 
@@ -15,7 +15,7 @@ from friction_estimator.effects.grids import beyond_time, times
 from friction_estimator.effects.kernels import RING, force_delay, force_lag
 from friction_estimator.effects.reference import FORCE, Reference
 from friction_estimator.effects.trace import Trace
-from friction_estimator.effects.whole import StaticTables, first_order, shifted, unfiltered
+from friction_estimator.effects.whole import FirstOrder, StaticTables, shifted, unfiltered
 
 
 class Timing(Effect):
@@ -175,10 +175,10 @@ class SensorLowpass(Timing):
     smooths = True
 
     @classmethod
-    def smoothed(cls, params: Params, parts: Sequence[Floats], features: Features, part_s: float) -> Floats:
-        """Return the lagged columns."""
+    def smoother(cls, params: Params, part_s: float) -> Callable[[Sequence[Floats], Floats], Floats]:
+        """Return the lag."""
         tau, two = _pole(params)
-        return first_order(parts, features, part_s, tau, two)
+        return FirstOrder(part_s, tau, two)
 
     refined = ("time_constant",)
 

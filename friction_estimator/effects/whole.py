@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from friction_estimator.compiled import njit
-from friction_estimator.core import sums
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.features import Features
 from friction_estimator.effects.kernels import substeps
@@ -92,22 +91,33 @@ def unfiltered(values: Floats, features: Features, time_constant_s: float) -> Fl
     return out
 
 
-def first_order(
-    parts: Sequence[Floats], features: Features, part_s: float, time_constant_s: float, twice: bool = False
-) -> Floats:
-    """Return the first-order lag of columns, or two equal ones in series, (n, c); each piece starts in equilibrium.
+class FirstOrder:
+    """The first-order lag of columns, or two equal ones in series; each gap-free piece starts in equilibrium.
 
     Parameters
     ----------
-    parts : the columns, (n, c) each, at moments `part_s` apart of which the last one is that of the sample; linear
-        between them. Where samples are closer than the first of these moments the last one alone counts.
+    part_s : time between the moments at which columns are given, s. time_constant_s : of the lag. twice : two of them.
     """
-    out = np.empty_like(parts[-1])
-    state = np.zeros((3, out.shape[1]))
-    for here in sums.parts(features.size):
-        together = np.array([part[here] for part in parts])
-        _first_order(features.step_s[here], together, part_s, time_constant_s, twice, here.start == 0, state, out[here])
-    return out
+
+    def __init__(self, part_s: float, time_constant_s: float, twice: bool = False) -> None:
+        self._constants = part_s, time_constant_s, twice
+        self._state: Floats | None = None
+
+    def __call__(self, parts: Sequence[Floats], step_s: Floats) -> Floats:
+        """Return the lag of the next samples' columns, (n, c); it goes on where the last ones ended.
+
+        Parameters
+        ----------
+        parts : the columns, (n, c) each, at moments `part_s` apart of which the last one is that of the sample; linear
+            between them. Where samples are closer than the first of these moments the last one alone counts.
+        step_s : (n,), time to the sample before; 0 where a piece begins.
+        """
+        out = np.empty_like(parts[-1])
+        begins = self._state is None
+        if self._state is None:
+            self._state = np.zeros((3, out.shape[1]))
+        _first_order(step_s, np.array(parts), *self._constants, begins, self._state, out)
+        return out
 
 
 @njit(cache=True, error_model="numpy")
