@@ -108,5 +108,5 @@ def test_a_record_in_pieces_gives_what_it_does_as_a_whole(terms, most, monkeypat
         monkeypatch.setattr(module, "parts", lambda n: sums.parts(n, 777))
     monkeypatch.setattr(own_columns, "MOST_KEPT", most)
     for one, other in zip(whole, seen(fit(terms, rounds=1)), strict=True):
-        # Columns lie in memory in another order, and so products round in another.
-        np.testing.assert_allclose(other, one, rtol=1e-9, atol=1e-10 * float(np.abs(one).max(initial=0.0)))
+        # Columns lie in memory in another order, so products round otherwise, and a fit makes more of that.
+        np.testing.assert_allclose(other, one, rtol=1e-7, atol=1e-8 * float(np.abs(one).max(initial=0.0)))
