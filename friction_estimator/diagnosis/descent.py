@@ -139,6 +139,7 @@ class Descent:
         steps = self._steps(still, columns, places) if places else {}
         if not steps:
             return still
+        del columns  # as large as those of a trial
         for share in DAMPINGS:
             trial = list(terms)
             for (i, name), step in steps.items():

@@ -11,9 +11,18 @@ from friction_estimator.diagnosis.joint import Evaluated, Joint, Solution
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.effects.features import Context
 
-KEPT = 2
-"""Fits of which what they are on the record is kept: two are compared. More of them saved a third of what is made, in
-one of 60 seconds, and 170 MB each at 400,000 samples."""
+KEPT_BYTES, BYTES_A_SAMPLE = 64 << 20, 430
+"""Of what is made of fits on the record, the latest are kept: this much in all, one at least, of what a fit is measured
+to have a sample. In a diagnosis of 35,000 samples one kept makes 109, two 88, seventeen 60."""
+
+
+def most_kept(samples: int) -> int:
+    """Return of how many fits is kept what they are on a record of so many samples.
+
+    >>> most_kept(25_600), most_kept(400_000)
+    (6, 1)
+    """
+    return max(1, KEPT_BYTES // (BYTES_A_SAMPLE * samples))
 
 
 class JointFit:
@@ -30,7 +39,7 @@ class JointFit:
     def __init__(self, problem: BaseProblem, context: Context, rows: Bools | None = None) -> None:
         self._problem, self._context, self._rows = problem, context, rows
 
-        @lru_cache(KEPT)
+        @lru_cache(most_kept(problem.record.used.size))
         def evaluated(solution: Solution) -> Evaluated:
             return Evaluation(problem, context)(solution)
 
