@@ -138,6 +138,24 @@ def test_the_growth_of_a_breakaway_force_with_the_dwell_is_compared() -> None:
     assert holds(wider, slow.term.weights[0])
 
 
+def test_other_fits_of_a_cause_count_also_where_the_one_before_it_was_dropped() -> None:
+    data = build_record([record(["breakaway:size=0.04,length=5e-5,form=1"], segments=TRIANGLES)], SEAL)
+    context = data.context(SEAL, float(np.abs(data.friction_N).max()))
+    fits = Candidates(BaseProblem(data, SEAL), context, EFFECTS, 0)
+    base = fits.base()
+    slow = fits(base, "breakaway", {"length": 5e-5, "exponent": 0.25, "rest_speed": context.sign_velocity_m_s})
+    mass = fits(base, "inertia", {})
+    assert slow is not None
+    assert mass is not None
+    after = fits(mass.model, "breakaway", slow.term.params | {"exponent": 0.5})
+    assert after is not None
+    alone = fits.without(after.model, 0)
+    assert alone.joint.terms[0].params["exponent"] == 0.5
+    # No fit of the search had this model.
+    apart = fits.apart(base, alone, 1e3 * float(base.loss.sum()))
+    assert apart["amplitude"] == pytest.approx(abs(alone.joint.terms[0].weights[0] - slow.term.weights[0]))
+
+
 def test_what_the_friction_loses_is_not_what_the_viscosity_does() -> None:
     """In the free shape nothing says how much of the friction is viscous."""
     drift, weights = EFFECTS["viscosity_drift"], np.full(HATS, 0.1)

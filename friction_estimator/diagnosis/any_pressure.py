@@ -5,7 +5,7 @@ pressures. What goes on within each of them is no matter of the pressure.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -69,8 +69,8 @@ class AnyPressure(Wider):
 def _behind(place: Floats, features: Features, count: int) -> Floats:
     """Return how far first-order lags of a pressure (n,) are behind it, (n, times); none at a recording's begin."""
     same = np.diff(features.recording, prepend=-1) == 0
+    # A pause is time, too.
     apart_s = np.where(same, np.diff(features.time_s, prepend=features.time_s[0]), 0.0)
-    whole = replace(features, step_s=apart_s)  # a pause is time, too
     held_s = float(apart_s.sum()) / count
-    lags = [FirstOrder(0.0, share * held_s)([place[:, None]], whole.step_s) for share in LATE if held_s > 0.0]
+    lags = [FirstOrder(0.0, share * held_s)([place[:, None]], apart_s) for share in LATE if held_s > 0.0]
     return np.column_stack([place[:, None] - lag for lag in lags]) if lags else np.zeros((place.size, 0))

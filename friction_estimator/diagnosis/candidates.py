@@ -153,6 +153,8 @@ class Candidates:
     def apart(self, model: Model, after: Model, left_N2: float) -> dict[str, float]:
         """Return by how much the quantities of the last term differ in other fits of it that explain nearly as much.
 
+        Those are all that were made beside the same model, also before an earlier cause was dropped.
+
         Parameters
         ----------
         model, after : without and with that term. left_N2 : what no cause explains, by which they may be behind.

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from friction_estimator.core.sample import Floats
+from friction_estimator.core.sums import parts
 from friction_estimator.diagnosis.base import BaseFit, reference_of
 from friction_estimator.diagnosis.base_problem import BaseProblem
 from friction_estimator.diagnosis.joint import Evaluated, Solution, Source
@@ -100,13 +101,13 @@ class Evaluation:
         record = self._record
         fit = BaseFit.of(self.base(terms), coefficients)
         columns = self.columns(terms, reference, features)
-        parts, residual = [], record.friction_N - fit.fitted_N
+        forces, residual = [], record.friction_N - fit.fitted_N
         for column, term in zip(columns, terms, strict=True):
             if self.base.changed_by(term):
-                parts.append(fit.fitted_N - self.base.force([t for t in terms if t is not term], coefficients))
+                forces.append(fit.fitted_N - self.base.force([t for t in terms if t is not term], coefficients))
             else:
-                parts.append(column @ term.weights)
-                residual = residual - parts[-1]
+                forces.append(column @ term.weights)
+                residual = residual - forces[-1]
         beside, scales = list[Floats](), [np.ones(fit.tangent.shape[1])]
         held: list[Floats] = []
         ended = [np.zeros(fit.tangent.shape[1], np.bool_)]
@@ -118,7 +119,7 @@ class Evaluation:
             if not slopes:
                 continue
             block = np.column_stack(slopes)
-            norm = np.sqrt([np.mean(np.square(block[:, j])) for j in range(block.shape[1])])
+            norm = np.sqrt(sum(np.square(block[part]).sum(axis=0) for part in parts(len(block))) / len(block))
             shown = norm > usual
             # A parameter that changes nothing here (a step between two samples) is held where it is.
             block /= np.where(shown, norm, 1.0)
@@ -132,8 +133,8 @@ class Evaluation:
         tangent = fit.tangent.beside_it(beside)
         # What is screened beside this model acts on the whole force before the sensor.
         inside = [
-            p for p, t in zip(parts, terms, strict=True) if not self.base.changed_by(t) and t.effect.stage in FINE
+            p for p, t in zip(forces, terms, strict=True) if not self.base.changed_by(t) and t.effect.stage in FINE
         ]
         features = features.with_force(fit.fitted_N + sum(inside))
         steps, at_ends = np.concatenate(scales), np.concatenate(ended)
-        return Evaluated(fit, reference, features, tuple(parts), residual, tangent, penalty, steps, at_ends)
+        return Evaluated(fit, reference, features, tuple(forces), residual, tangent, penalty, steps, at_ends)

@@ -52,7 +52,7 @@ class Joint:
     """Base model and effects fitted together.
 
     It holds numbers alone. What has a value a sample is made on demand, and is kept as long as few others were asked
-    for since: dozens of fits are compared, and at 400,000 samples each of them has 170 MB.
+    for since: dozens of fits are compared, and at 400,000 samples each would have 170 MB.
 
     Parameters
     ----------

@@ -13,11 +13,11 @@ from friction_estimator.effects.features import Context
 
 KEPT_BYTES, BYTES_A_SAMPLE = 64 << 20, 430
 """Of what is made of fits on the record, the latest are kept: this much in all, one at least, of what a fit is measured
-to have a sample. In a diagnosis of 35,000 samples one kept makes 109, two 88, seventeen 60."""
+to have a sample. A diagnosis of 35,000 samples evaluates 109 fits where one is kept, 88 where two are, 60 with 17."""
 
 
 def most_kept(samples: int) -> int:
-    """Return of how many fits is kept what they are on a record of so many samples.
+    """Return how many evaluated fits are kept, for a record of so many samples.
 
     >>> most_kept(25_600), most_kept(400_000)
     (6, 1)

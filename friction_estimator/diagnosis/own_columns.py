@@ -29,7 +29,8 @@ PARTS = 4
 """Parts of a sample period in which a filter of the force takes what acts before it as straight."""
 
 MOST_KEPT = 32 << 20
-"""Bytes of columns that are kept at most: in a record of more than some 30,000 samples a part is made anew."""
+"""Bytes of columns of each kind that are kept at most: of a record of more than some 30,000 samples a part is made
+anew."""
 
 MOMENTS = 3 * PARTS
 """Moments at which what was made last is kept: those within a sample, each at the velocity, on a film that lags, and
@@ -282,24 +283,28 @@ class OwnColumns:
         problem, time = self.problem, time_of(inside)
         here = problem.record.features
         static = problem.products.static if time is None else self._whole(time)
+        ours = time is not None and self._timed is None  # nobody else has it
         for term in inside:
             if term.effect.delays:
                 continue
             change = [self._changes(term, features, self._theory) for features in self.moments(time, here)]
             smooth = None if time is None else time.effect.smoother(time.params, self.part_s)
-            static = static.copy()
+            static, ours = static if ours else static.copy(), True
             for part, *at_moments in zip(parts(here.size), *change, strict=True):
                 made = at_moments[-1] if smooth is None else smooth(at_moments, here.step_s[part])
                 static[part, : made.shape[1]] += made
         return static
 
     def _whole(self, time: Term) -> Floats:
-        """Return the base's own columns with a time of the whole force in them, (n, m); the last ones are kept."""
+        """Return the base's own columns with a time of the whole force in them, (n, m); the last ones may be kept."""
         key = time.name, time.params
-        if self._timed is None or self._timed[0] != key:
-            problem = self.problem
-            self._timed = key, time.effect.whole(time.params, problem.tables, problem.record.features)
-        return self._timed[1]
+        if self._timed is not None and self._timed[0] == key:
+            return self._timed[1]
+        self._timed = None
+        made = time.effect.whole(time.params, self.problem.tables, self.problem.record.features)
+        if made.nbytes <= MOST_KEPT:
+            self._timed = key, made
+        return made
 
 
 def on_film(term: Term, features: Features, reference: Reference) -> OnFilm | None:

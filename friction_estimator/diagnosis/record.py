@@ -33,7 +33,8 @@ MOST_FORGOTTEN = 0.5
 
 
 STAMPED = ("time_s", "step_s", "temperature_degC", "active_time_s", "piece", "recording")
-"""Features that do not follow from the motion and the pressure: they are shared where those are others."""
+"""Features that hang on the stamps or the temperature alone: they stay the record's own where motion and pressure are
+moved in time (`Record.features_at`)."""
 
 
 @dataclass(frozen=True)

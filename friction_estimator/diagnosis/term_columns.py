@@ -109,7 +109,7 @@ class TermColumns:
         return kept[2]
 
     def _at(self, term: Term, terms: Sequence[Term], reference: Reference, features: Features) -> Iterator[Floats]:
-        """Yield the columns of a term, (n_part, c), as they are at the moment of these features, part after part."""
+        """Return the columns of a term at the moment of these features, (n_part, c), part after part."""
         made = self._made(term, features, reference)
         if term.effect.stage == STAGES[0]:
             made = self._on_bristles(made, term, terms, reference, features)
