@@ -107,8 +107,8 @@ class Descent:
         anchors = tuple({n: t.effect.bracket(n, t.params[n], self._context) for n in t.refined} for t in terms)
         columns = self._columns(terms, reference, features)
         base = self._linear(terms, columns, base)
-        terms = weighted(terms, columns, base.extra)
-        last = Solution(base, tuple(terms), source, anchors)
+        last = Solution(base, tuple(weighted(terms, columns, base.extra)), source, anchors)
+        del columns  # as large as those of each round
         best, since, in_vain = None, 0, 0
         for _ in range(rounds):
             before = last

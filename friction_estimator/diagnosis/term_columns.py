@@ -60,7 +60,7 @@ class TermColumns:
         of it before a time of the whole force, where the static curve at the earlier time stands for it.
         """
         self.forces = None
-        time, forces, parts = time_of(terms), dict[str, Floats](), dict[int, Floats]()
+        time, forces, others = time_of(terms), dict[str, Floats](), dict[int, Floats]()
         for i, term in enumerate(terms):
             early = time is not None and before(term.effect, time.effect)
             if early or self._base.changed_by(term) or not term.effect.columns(term.params).of_force:
@@ -69,9 +69,9 @@ class TermColumns:
             for j, other in enumerate(terms):
                 beside = other.weights.size and not self._base.changed_by(other)
                 if j != i and beside and not before(term.effect, other.effect):
-                    if j not in parts:
-                        parts[j] = self.one(terms, j, reference, features) @ other.weights
-                    force = force + parts[j]
+                    if j not in others:
+                        others[j] = self.one(terms, j, reference, features) @ other.weights
+                    force = force + others[j]
             forces[term.name] = force
         self.forces = features, forces
 
