@@ -17,3 +17,18 @@ def twice(value, folder):
     if value == 6:
         return 1 / 0
     return 2 * value
+
+
+def loaded():
+    """Mark a process as ready, for `was_loaded`."""
+    os.environ["MARKED_TASKS"] = "loaded"
+
+
+def was_loaded():
+    """Return whether `loaded` was called here."""
+    return os.environ.get("MARKED_TASKS")
+
+
+def not_loaded():
+    """Fail while a process starts."""
+    raise ImportError("nothing to load")

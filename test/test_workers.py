@@ -1,5 +1,6 @@
 """Processes that compute tasks: one thread each, each loss is one task's, and an end with the verb whatever they do."""
 
+import multiprocessing
 import os
 import re
 import signal
@@ -9,7 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
-from marked_tasks import twice
+from marked_tasks import loaded, not_loaded, twice, was_loaded
 
 from friction_estimator.tasks import local
 from friction_estimator.tasks.local import LocalWorkers
@@ -159,3 +160,14 @@ def test_a_failure_where_all_are_needed_keeps_its_code_and_its_trace(tmp_path):
     error = TaskError(done.failure)
     assert error.exit_code == 70
     assert "1 / 0" in str(error.__cause__)
+
+
+@pytest.mark.parametrize(("ready", "seen"), [(loaded, "loaded"), (not_loaded, None), (None, None)])
+def test_processes_load_what_tasks_need_before_there_is_one(ready, seen):
+    with LocalWorkers(2, ready) as workers:
+        started = set(multiprocessing.active_children())
+        assert len(started) == (2 if ready else 0)
+        assert [done.result for done in workers.run(Task(k, was_loaded, ()) for k in range(4))] == [seen] * 4
+        if ready:
+            assert set(multiprocessing.active_children()) == started
+    assert not multiprocessing.active_children()

@@ -11,7 +11,7 @@ from friction_estimator.cli import common, many
 from friction_estimator.core.errors import InputError, UnanswerableError
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.text import LONGEST_NAME, shown
-from friction_estimator.fleet.job import Job, diagnosed
+from friction_estimator.fleet.job import Job, diagnosed, ready
 from friction_estimator.fleet.trend import UNDECIDABLE, Entry, Trend, date, findings, trends
 from friction_estimator.output.layout import Layout
 from friction_estimator.output.parquet import is_available, write_parquet
@@ -95,15 +95,16 @@ def rig_of(bag: str, pattern: str | None) -> str:
 
 def _rows(args: argparse.Namespace, config: Config, output: common.Output) -> tuple[list[many.Row], str]:
     """Return the row of each recording, and the text of the file that keeps them."""
-    files, topics = many.files(args.bags), common.topics_from(args)
-    facts = {"verb": "diagnose", "topics": topics, "seed": args.seed, **many.settings_facts([config])[0]}
-    settings = many.changed_settings(config)
-    pieces = [
-        many.Piece({**facts, "recording": file.content}, diagnosed, (Job(file, settings, topics, args.seed),))
-        for file in files
-        if not isinstance(file, Failure)
-    ]
-    computed, text = many.computed(pieces, args, output, "diagnosing")
+    with many.workers(args, len(args.bags), ready) as pool:
+        files, topics = many.files(args.bags), common.topics_from(args)
+        facts = {"verb": "diagnose", "topics": topics, "seed": args.seed, **many.settings_facts([config])[0]}
+        settings = many.changed_settings(config)
+        pieces = [
+            many.Piece({**facts, "recording": file.content}, diagnosed, (Job(file, settings, topics, args.seed),))
+            for file in files
+            if not isinstance(file, Failure)
+        ]
+        computed, text = many.computed(pieces, args, output, "diagnosing", pool)
     following = iter(computed)
     return [file if isinstance(file, Failure) else next(following) for file in files], text
 

@@ -132,7 +132,7 @@ def changed_settings(config: Config) -> dict[str, Any]:
 
 
 def computed(
-    pieces: Sequence[Piece], args: argparse.Namespace, output: common.Output, label: str
+    pieces: Sequence[Piece], args: argparse.Namespace, output: common.Output, label: str, pool: Workers
 ) -> tuple[list[Row], str]:
     """Return the row of each piece, in their order, and the text of `ROWS`.
 
@@ -155,7 +155,7 @@ def computed(
         ]
         if known:
             output.say(f"taken over  {len(known)} of {len(wanted)} rows from an earlier run")
-        with progress(label, len(tasks), unit="rows") as advance, workers(args, len(tasks)) as pool:
+        with progress(label, len(tasks), unit="rows") as advance:
             for done in pool.run(tasks):
                 row = _plain(done.result, done.failure)
                 if done.failure is not None and "--debug" in args.words and done.failure.trace:
@@ -167,13 +167,20 @@ def computed(
     return [_row(known[key]) for key in keys], text
 
 
-def workers(args: argparse.Namespace, tasks: int) -> Workers:
-    """Return who computes, by `--workers` and `--scheduler`."""
+def workers(args: argparse.Namespace, most: int, ready: Callable[[], None]) -> Workers:
+    """Return who computes, by `--workers` and `--scheduler`.
+
+    Those of this machine load what they need while the recordings are still looked at.
+
+    Parameters
+    ----------
+    most : rows that there may be. ready : what loads it.
+    """
     if args.scheduler is not None:
         from friction_estimator.tasks.cluster import Cluster  # noqa: PLC0415
 
         return Cluster(args.scheduler)
-    return LocalWorkers(min(args.workers or usable_cores(), max(1, tasks)))
+    return LocalWorkers(min(args.workers or usable_cores(), most), ready)
 
 
 def tell_failures(output: common.Output, failures: Sequence[tuple[str, Failure]], of: str) -> None:

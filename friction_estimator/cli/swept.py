@@ -14,7 +14,7 @@ from friction_estimator.core.text import shown
 from friction_estimator.documents.configuration import write_config
 from friction_estimator.output.parquet import is_available, write_parquet
 from friction_estimator.sweep.grid import Configurations, Settings
-from friction_estimator.sweep.job import Job, judge
+from friction_estimator.sweep.job import Job, judge, ready
 from friction_estimator.sweep.ranking import Ranked, Ranking, best_baseline, log_nrmse_of, rank
 from friction_estimator.tasks.identity import File
 from friction_estimator.tasks.task import Failure
@@ -51,28 +51,29 @@ def _rows(
     args: argparse.Namespace, configs: Sequence[Config], output: common.Output
 ) -> tuple[list[list[many.Row]], str]:
     """Return the row of each configuration and recording, and the text of the file that keeps them."""
-    learned, topics = many.files(args.bags), common.topics_from(args)
-    tests = many.files(args.test, "--test", learned)
-    for file in tests:
-        if isinstance(file, Failure):
-            raise InputError(f"--test: {file.problem}")
-    judges = [file for file in tests if isinstance(file, File)]
-    settings = [many.changed_settings(config) for config in configs]
-    facts = many.settings_facts(configs)
-    pieces, places = [], []
-    for r, file in enumerate(learned):
-        if isinstance(file, Failure):
-            continue
-        others = tuple(other for other in judges if other.content != file.content)
-        if args.test and not others:
-            raise InputError(f"{args.bags[r]} would be judged on itself: give another recording with --test")
-        share = 0.0 if others else args.freeze_after
-        same = {"verb": "sweep", "recording": file.content, "others": [other.content for other in others]}
-        for c in range(len(configs)):
-            job = Job(file, others, settings[c], topics, share)
-            pieces.append(many.Piece({**same, "topics": topics, "share": share, **facts[c]}, judge, (job,)))
-            places.append((c, r))
-    found, text = many.computed(pieces, args, output, "sweeping")
+    with many.workers(args, len(args.bags) * len(configs), ready) as pool:
+        learned, topics = many.files(args.bags), common.topics_from(args)
+        tests = many.files(args.test, "--test", learned)
+        for file in tests:
+            if isinstance(file, Failure):
+                raise InputError(f"--test: {file.problem}")
+        judges = [file for file in tests if isinstance(file, File)]
+        settings = [many.changed_settings(config) for config in configs]
+        facts = many.settings_facts(configs)
+        pieces, places = [], []
+        for r, file in enumerate(learned):
+            if isinstance(file, Failure):
+                continue
+            others = tuple(other for other in judges if other.content != file.content)
+            if args.test and not others:
+                raise InputError(f"{args.bags[r]} would be judged on itself: give another recording with --test")
+            share = 0.0 if others else args.freeze_after
+            same = {"verb": "sweep", "recording": file.content, "others": [other.content for other in others]}
+            for c in range(len(configs)):
+                job = Job(file, others, settings[c], topics, share)
+                pieces.append(many.Piece({**same, "topics": topics, "share": share, **facts[c]}, judge, (job,)))
+                places.append((c, r))
+        found, text = many.computed(pieces, args, output, "sweeping", pool)
     rows: list[list[many.Row]] = [
         [file if isinstance(file, Failure) else Failure("", 1) for file in learned] for _ in configs
     ]

@@ -23,3 +23,8 @@ def diagnosed(job: Job) -> dict[str, Any]:
     from friction_estimator.fleet.diagnosed import row_of  # noqa: PLC0415 - a second of imports
 
     return row_of(job)
+
+
+def ready() -> None:
+    """Load what `diagnosed` needs."""
+    import friction_estimator.fleet.diagnosed  # noqa: F401, PLC0415

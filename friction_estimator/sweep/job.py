@@ -34,3 +34,8 @@ def judge(job: Job) -> dict[str, Any]:
     from friction_estimator.sweep.judged import row_of  # noqa: PLC0415 - a second of imports
 
     return row_of(job)
+
+
+def ready() -> None:
+    """Load what `judge` needs."""
+    import friction_estimator.sweep.judged  # noqa: F401, PLC0415

@@ -7,7 +7,7 @@ up all of its work then.
 import os
 import signal
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import get_context, parent_process, resource_tracker
@@ -38,23 +38,26 @@ def usable_cores() -> int:
 
 
 class LocalWorkers:
-    """Processes of this machine (context manager); they start with the first task.
+    """Processes of this machine (context manager); they start with the block where they are to be ready, else with the
+    first task.
 
     An interrupt, or whatever else ends the block, ends them at once, busy as they may be; so does the death of this
     process.
 
     Parameters
     ----------
-    count : processes at a time.
+    count : processes at a time. ready : a function of a module that each calls as it starts: it loads what tasks need.
     """
 
-    def __init__(self, count: int) -> None:
-        self._count = count
+    def __init__(self, count: int, ready: Callable[[], None] | None = None) -> None:
+        self._count, self._ready = count, ready
         self._idle: list[_Worker] = []
         self._busy: dict[Connection, _Worker] = {}
 
     def __enter__(self) -> "LocalWorkers":
-        """Start nothing yet."""
+        """Start the processes that are to be ready."""
+        if self._ready is not None:
+            self._idle = [_started(self._ready) for _ in range(self._count)]
         return self
 
     def __exit__(
@@ -84,7 +87,7 @@ class LocalWorkers:
         following = next(tasks, None)
         while following is not None or self._busy:
             while following is not None and len(self._busy) < count:
-                worker = self._idle.pop() if self._idle else _started()
+                worker = self._idle.pop() if self._idle else _started(self._ready)
                 if worker.begin(following):
                     self._busy[worker.connection] = worker
                     following = next(tasks, None)
@@ -138,11 +141,11 @@ class _Worker:
         self.connection.close()
 
 
-def _started() -> _Worker:
+def _started(ready: Callable[[], None] | None) -> _Worker:
     """Start a process; it has one thread for linear algebra, and is deaf to what the terminal sends to all."""
     context = get_context("spawn")
     ours, theirs = context.Pipe()
-    process = context.Process(target=_serve, args=(theirs,), daemon=True)
+    process = context.Process(target=_serve, args=(theirs, ready), daemon=True)
     with _signals_blocked(*_OURS):
         # The tracker of multiprocessing, which a signal would kill, and it complain. Where it starts with the first
         # process it unblocks signals that it blocked itself, and that process hears them.
@@ -153,10 +156,13 @@ def _started() -> _Worker:
     return _Worker(process, ours)
 
 
-def _serve(connection: Connection) -> None:
+def _serve(connection: Connection, ready: Callable[[], None] | None) -> None:
     """Compute what comes through the pipe, until it is closed: what a worker process does."""
     spare_the_start()
     _end_with_the_parent()
+    if ready is not None:
+        with suppress(Exception):  # the task that needs it says what is wrong
+            ready()
     with suppress(EOFError, OSError):
         while True:
             function, arguments = connection.recv()
