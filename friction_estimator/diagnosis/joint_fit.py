@@ -1,7 +1,6 @@
 """Base model and named effects fitted together to a record, or to a part of it."""
 
 from collections.abc import Sequence
-from functools import lru_cache
 
 from friction_estimator.core.sample import Bools
 from friction_estimator.diagnosis.base_problem import BaseProblem, Coefficients
@@ -38,12 +37,7 @@ class JointFit:
 
     def __init__(self, problem: BaseProblem, context: Context, rows: Bools | None = None) -> None:
         self._problem, self._context, self._rows = problem, context, rows
-
-        @lru_cache(most_kept(problem.record.used.size))
-        def evaluated(solution: Solution) -> Evaluated:
-            return Evaluation(problem, context)(solution)
-
-        self._evaluated = evaluated
+        self._evaluated = _Latest(problem, context)
 
     def __call__(
         self, terms: Sequence[Term] = (), start: Coefficients | None = None, rounds: int = ROUNDS, search: bool = True
@@ -71,3 +65,22 @@ class JointFit:
 
     def _descent(self) -> Descent:
         return Descent(self._problem, self._context, self._rows)
+
+
+class _Latest:
+    """What the latest fits are on the record; the oldest goes before another is made: both at once are too large."""
+
+    def __init__(self, problem: BaseProblem, context: Context) -> None:
+        self._problem, self._context = problem, context
+        self._most = most_kept(problem.record.used.size)
+        self._kept: dict[Solution, Evaluated] = {}
+
+    def __call__(self, solution: Solution) -> Evaluated:
+        """Return what a solution is on the record."""
+        found = self._kept.pop(solution, None)
+        if found is None:
+            while len(self._kept) >= self._most:
+                del self._kept[next(iter(self._kept))]
+            found = Evaluation(self._problem, self._context)(solution)
+        self._kept[solution] = found  # the latest is the last
+        return found

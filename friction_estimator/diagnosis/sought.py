@@ -89,6 +89,7 @@ class Sought:
         free = [c for c, t in zip(others, terms, strict=False) if t in alone and not t.effect.fixed_gain]
         e = (record.friction_N - fit.fitted_N - (np.sum(fixed, axis=0) if fixed else 0.0))[used]
         z = chosen_rows(fit.tangent, free, used)
+        del others, free, fixed  # z has them
         z /= np.maximum(np.sqrt(np.einsum("nq,nq->q", z, z) / len(z)), 1e-300)
         penalty = np.concatenate([fit.penalty, np.zeros(z.shape[1] - fit.penalty.size)]) + 1e-9 * len(z)
         inverse = np.linalg.inv(inner(z, z) + np.diag(penalty))
