@@ -87,19 +87,19 @@ def test_of_many_fits_few_have_what_is_as_long_as_the_record() -> None:
     joints = [fit(terms) for terms in OTHERS]
     assert len({float(np.abs(joint.residual_N).sum()) for joint in joints}) == len(joints)
     gc.collect()
-    assert sum(isinstance(one, Evaluated) for one in gc.get_objects()) <= 1
+    assert sum(type(one) is Evaluated for one in gc.get_objects()) <= 1
 
 
 def test_a_fit_that_is_done_leaves_nothing_to_a_search_for_garbage() -> None:
     """Those are seldom: with a cycle in it, what a fit had made of the record stayed for dozens of fits."""
     fit = fit_of("frictional_lag:lag=0.004")
     gc.collect()
-    before = sum(isinstance(one, OwnColumns) for one in gc.get_objects())
+    before = sum(type(one) is OwnColumns for one in gc.get_objects())
     gc.disable()
     try:
         joint = fit([Term(EFFECTS["frictional_lag"], {"lag": 0.004, "rest": 1.0}), Term(EFFECTS["inertia"], {})])
         assert np.isfinite(joint.residual_N).all()
-        assert sum(isinstance(one, OwnColumns) for one in gc.get_objects()) == before
+        assert sum(type(one) is OwnColumns for one in gc.get_objects()) == before
     finally:
         gc.enable()
 
