@@ -8,6 +8,7 @@ from diagnosis_records import abba, record
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import BaseProblem
+from friction_estimator.diagnosis.candidate import Candidate, Model
 from friction_estimator.diagnosis.candidates import Candidates
 from friction_estimator.diagnosis.causes import Cause
 from friction_estimator.diagnosis.diagnose import diagnose
@@ -116,14 +117,21 @@ def test_what_no_cause_explains_widens_an_interval() -> None:
     assert holds(whole, 0.5)
 
 
-def test_the_growth_of_a_breakaway_force_with_the_dwell_is_compared() -> None:
-    """On a triangle no dwell is near 0.1 s: the height there is told by how the force grows."""
+def of_a_slow_breakaway() -> tuple[Candidates, Model, Candidate]:
+    """Return fits of a breakaway force on triangles, the base, and the force as it grows more slowly than it does."""
     data = build_record([record(["breakaway:size=0.04,length=5e-5,form=1"], segments=TRIANGLES)], SEAL)
     context = data.context(SEAL, float(np.abs(data.friction_N).max()))
     fits = Candidates(BaseProblem(data, SEAL), context, EFFECTS, 0)
     base = fits.base()
     slow = fits(base, "breakaway", {"length": 5e-5, "exponent": 0.25, "rest_speed": context.sign_velocity_m_s})
     assert slow is not None
+    return fits, base, slow
+
+
+def test_the_growth_of_a_breakaway_force_with_the_dwell_is_compared() -> None:
+    """On a triangle no dwell is near 0.1 s: the height there is told by how the force grows."""
+    fits, base, slow = of_a_slow_breakaway()
+    data, context = fits.problem.record, fits.context
     best = fits.shaped(base, slow)
     assert best.term.params["exponent"] == 0.5
     # What no cause explains says how much worse a form may be: its values are in the interval then.
@@ -139,13 +147,8 @@ def test_the_growth_of_a_breakaway_force_with_the_dwell_is_compared() -> None:
 
 
 def test_other_fits_of_a_cause_count_also_where_the_one_before_it_was_dropped() -> None:
-    data = build_record([record(["breakaway:size=0.04,length=5e-5,form=1"], segments=TRIANGLES)], SEAL)
-    context = data.context(SEAL, float(np.abs(data.friction_N).max()))
-    fits = Candidates(BaseProblem(data, SEAL), context, EFFECTS, 0)
-    base = fits.base()
-    slow = fits(base, "breakaway", {"length": 5e-5, "exponent": 0.25, "rest_speed": context.sign_velocity_m_s})
+    fits, base, slow = of_a_slow_breakaway()
     mass = fits(base, "inertia", {})
-    assert slow is not None
     assert mass is not None
     after = fits(mass.model, "breakaway", slow.term.params | {"exponent": 0.5})
     assert after is not None

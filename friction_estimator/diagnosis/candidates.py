@@ -140,6 +140,10 @@ class Candidates:
         left = {name: c for name, c in shaped.items() if name not in likenesses}
         return likenesses | self.in_best_forms(model, left, close)
 
+    def keep_only(self, model: Model) -> None:
+        """Forget what columns of no cause explain beside other models: those are as long as the record."""
+        self._lacks = {known: lack for known, lack in self._lacks.items() if known[0] is model}
+
     def _physical(self, term: Term) -> dict[str, float]:
         values = term.effect.physical(term.params, term.weights, self.context)
         return {name: value for name, (value, _) in values.items()}
@@ -303,10 +307,10 @@ class Candidates:
         return self._beside(model, AnyPressure).beside(one.model.joint.parts_N[-1]) >= least_N2
 
     def _beside(self, model: Model, columns: type[Wider]) -> LackOfFit:
-        """Return what these columns explain beside a model; they are kept for the last model alone, for their size."""
+        """Return what these columns explain beside a model; they are kept for one model alone, for their size."""
         key = model, columns
         if key not in self._lacks:
-            self._lacks = {known: lack for known, lack in self._lacks.items() if known[0] is model}
+            self.keep_only(model)
             wider, loss_N2 = columns.of(model.joint), float(model.loss.sum())
             self._lacks[key] = LackOfFit(wider, model.joint, loss_N2, self.problem.record, self.seed)
         return self._lacks[key]

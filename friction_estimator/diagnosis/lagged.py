@@ -70,8 +70,7 @@ class LaggedProducts:
     Parameters
     ----------
     static : (n, m), columns S_j(v[k]). order : largest lag p. friction_N : (n,). used, restart : (n,) bool.
-    block : (n,) int, increasing. chosen : (blocks,) bool, blocks whose products are formed, the others' are zero
-        (default all).
+    block : (n,) int, increasing.
 
     Attributes
     ----------
@@ -87,7 +86,6 @@ class LaggedProducts:
         used: Bools,
         restart: Bools,
         block: Ints,
-        chosen: Bools | None = None,
     ) -> None:
         self.order = order
         self.start = piece_starts(restart)
@@ -96,10 +94,15 @@ class LaggedProducts:
         self._force = friction_N * used
         self.power = np.add.reduceat(np.square(self._force), self.edges[:-1])
         self.count = np.add.reduceat(used.astype(np.float64), self.edges[:-1])
-        self._form(static, chosen)
+        self._form(static, None)
 
     def of(self, static: Floats, chosen: Bools | None = None) -> "LaggedProducts":
-        """Return those of other columns of the same record; all else is shared."""
+        """Return those of other columns of the same record; all else is shared.
+
+        Parameters
+        ----------
+        chosen : (blocks,) bool, blocks whose products are formed, the others' are zero (default all).
+        """
         other = copy(self)
         other._form(static, chosen)
         return other
