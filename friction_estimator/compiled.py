@@ -80,6 +80,23 @@ def njit(*signatures: Any, cache: bool = False, restrict: bool = False, **option
     return compiled
 
 
+def entry(dispatcher: Any, *types: Any) -> Any:
+    """Return the compiled form for arguments of these types, to be called without a look at what it is handed.
+
+    Of a call of some ten nanoseconds of work numba spends 0.3 us on which form is the right one.
+
+    Parameters
+    ----------
+    dispatcher : what `njit` returned.
+    types : of numba, one an argument. Numbers that are handed over are converted to them.
+
+    >>> half = entry(njit(lambda x: x / 2), numba.float64)
+    >>> half(3)
+    1.5
+    """
+    return dispatcher.compile(types) if hasattr(dispatcher, "compile") else dispatcher
+
+
 def _nothing() -> None:
     """Do nothing."""
 

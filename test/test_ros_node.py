@@ -185,17 +185,18 @@ FAULTY = """
 from friction_estimator.core.online import live
 from friction_estimator.ros import node
 
-step, calls = live.LiveStep._step, []
+run, calls = live.LiveStep.run, []
 
 
-def failing(self, estimator):
-    calls.append(1)
-    if len(calls) % 10 == 0:
+def failing(self, *given, **options):
+    found = run(self, *given, **options)
+    calls.extend(found)
+    if found and len(calls) % 10 == 0:
         raise ZeroDivisionError("provoked")
-    return step(self, estimator)
+    return found
 
 
-live.LiveStep._step = failing
+live.LiveStep.run = failing
 node.main()
 """
 

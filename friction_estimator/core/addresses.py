@@ -41,6 +41,7 @@ class Addresses:
     Attributes
     ----------
     table : (arrays, 4) int64, address and three sizes.
+    address : of the table itself, for `table_at`.
 
     Raises
     ------
@@ -56,6 +57,7 @@ class Addresses:
         entries = [_entry(*pair) for pair in zip(arrays, self._dtypes, strict=True)]
         if entries:
             self.table[:] = entries
+        self.address = _address(self.table) if entries else 0
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copies, and processes that it is sent to, have arrays of their own."""
@@ -169,6 +171,12 @@ def _pointer(typingctx, address):  # type: ignore[no-untyped-def] # noqa: ARG001
         return builder.inttoptr(args[0], cgutils.voidptr_t)
 
     return types.voidptr(types.int64), codegen
+
+
+@njit(forceinline=True)
+def table_at(address, arrays):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return the table at an address."""
+    return carray(_pointer(address), (arrays, 1 + LARGEST_RANK), np.int64)
 
 
 @njit(forceinline=True)

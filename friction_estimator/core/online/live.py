@@ -12,7 +12,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numba import types
 
+from friction_estimator.compiled import entry
 from friction_estimator.core.addresses import Addresses
 from friction_estimator.core.intake.admission import Intake
 from friction_estimator.core.intake.pairing import HELD, Pairs
@@ -25,12 +27,13 @@ from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.online.first_contact import FirstContact
 from friction_estimator.core.online.single import (
     DEVIATION,
+    GROWS,
+    PARTS,
     PREDICTED,
-    REFUSED,
     VELOCITY,
     events_table,
-    receive,
     sample_table,
+    take,
 )
 from friction_estimator.core.online.workspace import Workspace
 from friction_estimator.core.sample import Samples, in_sequence
@@ -40,6 +43,8 @@ CAPACITY = 128
 """Events taken at once at the most."""
 
 NOTHING = Addresses([], [])
+
+_TAKEN = 1, GROWS
 
 Prediction = tuple[int, float, float, float, float]
 """Stamp (ns), velocity (m/s), measured friction (N), predicted friction (N), its standard deviation (N)."""
@@ -120,9 +125,10 @@ class LiveStep(Events):
         self._status, self._restart = np.zeros(1, np.int8), np.zeros(1, np.bool_)
         self._position = np.full(1, np.nan)
         self._outcome = np.zeros(4)
+        self._take = entry(take, types.int64, types.int64, types.boolean, types.boolean)
         self._now: _Connected | None = None
         self._ahead: _Connected | None = None
-        self._sample, self._usual = NOTHING, False  # nothing is taken alone yet
+        self._usual = False  # nothing is taken alone yet
         self._grows: Estimator | None = None
         self._connect(intake)
         if estimator is None and config.is_met:
@@ -147,6 +153,14 @@ class LiveStep(Events):
         unwrapping, carrying = intake.encoder.arguments(*one), intake.carried.arguments(*one)
         room = self.stream, self.stamp_ns, self.value
         self._events = events_table(room, pairing, admission, unwrapping, carrying)
+        self._put_together(NOTHING, NOTHING, NOTHING)
+
+    def _put_together(self, sample: Addresses, batch: Addresses, work: Addresses, law_number: int = 0) -> None:
+        """Set what `take` is handed."""
+        tables = {"events": self._events, "sample": sample, "batch": batch, "work": work}
+        self._parts = PARTS.addresses(
+            law_number=np.array([law_number]), **{name: addresses.table for name, addresses in tables.items()}
+        )
 
     def run(self, count: int, *, learn: bool, most: int | None = None) -> list[Prediction]:
         """Take the first `count` events of `stream`, `stamp_ns`, `value`, in order of arrival.
@@ -159,21 +173,21 @@ class LiveStep(Events):
         -------
         The predictions of the samples that were completed and admitted; none while the first contact lasts.
         """
-        self._grow()
-        estimator = self.estimator
-        now = self._now
+        if self._grows is not None:
+            self._grow()
+        estimator, now = self.estimator, self._now
         if estimator is not None and (
             now is None or now.work is not estimator.work or now.config is not estimator.config
         ):
             self._refresh(estimator)
         alone = self._usual and most is None and not self.behind
-        joined = receive(self._events.table, self._sample.table, count, alone, learn)
-        if not joined:
+        joined = self._take(self._parts.address, count, alone, learn)
+        if alone and joined in _TAKEN:
+            self._grows = estimator if joined == GROWS else None
+            outcome = self._outcome.tolist()
+            return [(self._stamp.item(), outcome[0], outcome[1], outcome[2], outcome[3])]
+        if joined <= 0:
             return self.work_off(most, learn=learn) if self.behind else []
-        if joined == REFUSED:
-            return []
-        if joined == 1 and alone and estimator is not None:
-            return [self._step(estimator)]
         stamp, velocity, friction, held = self._out
         pairs = Pairs(*(a[:joined].copy() for a in (stamp, velocity, friction, held)))  # type: ignore[arg-type]
         samples = self.intake.admit(pairs)
@@ -265,9 +279,8 @@ class LiveStep(Events):
         if now is None or now.work is not estimator.work or now.config is not estimator.config:
             now = self._connected(estimator.model, estimator.work, estimator.config)
         self._now = now
-        self._sample, self._usual, self._unit = now.sample, now.usual, estimator.model.unit_N
-        if self._usual:
-            self._arguments = estimator.law.number, now.batch.table, estimator.work.addresses.table
+        self._usual = now.usual
+        self._put_together(now.sample, now.batch, estimator.work.addresses, estimator.law.number)
 
     def _connected(self, model: Model, work: Workspace, config: Config) -> _Connected:
         """Return tables for one sample of a model."""
@@ -322,12 +335,6 @@ class LiveStep(Events):
             **shared,
         )
         return _Connected(work, config, True, sample, batch)
-
-    def _step(self, estimator: Estimator) -> Prediction:
-        """Predict and learn from the one sample that was received."""
-        self._grows = estimator if kernels.run(*self._arguments) else None
-        velocity, friction, predicted, deviation = self._outcome.tolist()
-        return self._stamp.item(), velocity, friction, predicted * self._unit, deviation * self._unit
 
     @staticmethod
     def _several(estimator: Estimator, samples: Samples, learn: bool) -> list[Prediction]:
