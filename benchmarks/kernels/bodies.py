@@ -45,7 +45,7 @@ def loop_of(est: Estimator, samples: Samples) -> Callable[[], tuple[np.ndarray, 
 
     def body() -> tuple[np.ndarray, np.ndarray]:
         work = est.work.copy()
-        kernels.run(est.law.number, batch.table, work.addresses.table)
+        kernels.run(est.law.number, batch.address, work.addresses.address)
         return work.theta, predicted
 
     return body

@@ -151,7 +151,7 @@ class Estimator:
                 here = slice(start + done, start + len(chunk))
                 inputs = self.model.inputs(chunk[rest], theory[rest], columns[rest])
                 batch = kernels.batch(inputs, chunk[rest], learns[here], predicted[here], spread[here])
-                taken = kernels.run(self.law.number, batch.table, self.work.addresses.table)
+                taken = kernels.run(self.law.number, batch.address, self.work.addresses.address)
                 ready = slice(here.start, here.start + taken if taken else here.stop)
                 predicted[ready] *= self.model.unit_N
                 spread[ready] *= self.model.unit_N

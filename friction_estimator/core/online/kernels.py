@@ -22,6 +22,7 @@ from friction_estimator.core.addresses import (
     int32_rows,
     ints,
     lines,
+    table_at,
 )
 from friction_estimator.core.fit.band import EXTRAPOLATION, note_error, usual_variance
 from friction_estimator.core.intake.standstill import stands, stays, stopping
@@ -186,13 +187,13 @@ def run(law_number, samples, work):  # type: ignore[no-untyped-def] # pragma: no
     Parameters
     ----------
     law_number : LMS, NLMS or RLS.
-    samples : table of addresses of a `batch`.
-    work : table of addresses of a `Workspace`, updated in place.
+    samples : address of the table of a `batch`. work : of that of a `Workspace`, which is updated in place.
 
     Returns
     -------
     0, or, where the range is to grow, the number of samples taken: the caller has to see to it before it goes on.
     """
+    samples, work = table_at(samples, len(_S)), table_at(work, len(_W))
     index, value = int32_rows(samples, _S.index), float_rows(samples, _S.value)
     cell, beyond = ints(samples, _S.cell), floats(samples, _S.beyond)
     velocity, theory, target = floats(samples, _S.velocity), floats(samples, _S.theory), floats(samples, _S.target)

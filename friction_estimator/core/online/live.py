@@ -27,13 +27,11 @@ from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.online.first_contact import FirstContact
 from friction_estimator.core.online.single import (
     DEVIATION,
-    GROWS,
-    PARTS,
     PREDICTED,
     VELOCITY,
     events_table,
+    receive,
     sample_table,
-    take,
 )
 from friction_estimator.core.online.workspace import Workspace
 from friction_estimator.core.sample import Samples, in_sequence
@@ -43,8 +41,6 @@ CAPACITY = 128
 """Events taken at once at the most."""
 
 NOTHING = Addresses([], [])
-
-_TAKEN = 1, GROWS
 
 Prediction = tuple[int, float, float, float, float]
 """Stamp (ns), velocity (m/s), measured friction (N), predicted friction (N), its standard deviation (N)."""
@@ -125,10 +121,11 @@ class LiveStep(Events):
         self._status, self._restart = np.zeros(1, np.int8), np.zeros(1, np.bool_)
         self._position = np.full(1, np.nan)
         self._outcome = np.zeros(4)
-        self._take = entry(take, types.int64, types.int64, types.boolean, types.boolean)
+        i, b = types.int64, types.boolean
+        self._receive, self._predict = entry(receive, i, i, i, b, b), entry(kernels.run, i, i, i)
         self._now: _Connected | None = None
         self._ahead: _Connected | None = None
-        self._usual = False  # nothing is taken alone yet
+        self._sample, self._usual = NOTHING, False  # nothing is taken alone yet
         self._grows: Estimator | None = None
         self._connect(intake)
         if estimator is None and config.is_met:
@@ -153,14 +150,6 @@ class LiveStep(Events):
         unwrapping, carrying = intake.encoder.arguments(*one), intake.carried.arguments(*one)
         room = self.stream, self.stamp_ns, self.value
         self._events = events_table(room, pairing, admission, unwrapping, carrying)
-        self._put_together(NOTHING, NOTHING, NOTHING)
-
-    def _put_together(self, sample: Addresses, batch: Addresses, work: Addresses, law_number: int = 0) -> None:
-        """Set what `take` is handed."""
-        tables = {"events": self._events, "sample": sample, "batch": batch, "work": work}
-        self._parts = PARTS.addresses(
-            law_number=np.array([law_number]), **{name: addresses.table for name, addresses in tables.items()}
-        )
 
     def run(self, count: int, *, learn: bool, most: int | None = None) -> list[Prediction]:
         """Take the first `count` events of `stream`, `stamp_ns`, `value`, in order of arrival.
@@ -181,15 +170,15 @@ class LiveStep(Events):
         ):
             self._refresh(estimator)
         alone = self._usual and most is None and not self.behind
-        joined = self._take(self._parts.address, count, alone, learn)
-        if alone and joined in _TAKEN:
-            self._grows = estimator if joined == GROWS else None
-            outcome = self._outcome.tolist()
-            return [(self._stamp.item(), outcome[0], outcome[1], outcome[2], outcome[3])]
+        joined = self._receive(self._events.address, self._sample.address, count, alone, learn)
+        if joined == 1 and alone:
+            if self._predict(*self._arguments):
+                self._grows = estimator
+            velocity, friction, predicted, deviation = self._outcome.tolist()
+            return [(self._stamp.item(), velocity, friction, predicted * self._unit, deviation * self._unit)]
         if joined <= 0:
             return self.work_off(most, learn=learn) if self.behind else []
-        stamp, velocity, friction, held = self._out
-        pairs = Pairs(*(a[:joined].copy() for a in (stamp, velocity, friction, held)))  # type: ignore[arg-type]
+        pairs = Pairs(*(a[:joined].copy() for a in self._out))  # type: ignore[arg-type]
         samples = self.intake.admit(pairs)
         if self.contact is not None:
             config = self.contact.push(samples)
@@ -279,8 +268,8 @@ class LiveStep(Events):
         if now is None or now.work is not estimator.work or now.config is not estimator.config:
             now = self._connected(estimator.model, estimator.work, estimator.config)
         self._now = now
-        self._usual = now.usual
-        self._put_together(now.sample, now.batch, estimator.work.addresses, estimator.law.number)
+        self._sample, self._usual, self._unit = now.sample, now.usual, estimator.model.unit_N
+        self._arguments = estimator.law.number, now.batch.address, estimator.work.addresses.address
 
     def _connected(self, model: Model, work: Workspace, config: Config) -> _Connected:
         """Return tables for one sample of a model."""

@@ -1,5 +1,5 @@
-"""Compiled: all of a sample that comes singly, in one call (`take`): from events to an admitted sample, from that to
-what `kernels.run` takes, and through the law.
+"""Compiled: what comes before the law where samples come singly, in one call (`receive`): from events to an admitted
+sample, and from that to what `kernels.run` takes.
 
 The kernels are those of replay; they are handed their arrays by addresses that were taken once (`core.addresses`).
 """
@@ -28,18 +28,14 @@ from friction_estimator.core.intake.position import carry
 from friction_estimator.core.model.basis import wavelet_rows
 from friction_estimator.core.model.theory_seal import SealCurve, seal_loop
 from friction_estimator.core.model.theory_stribeck import StribeckCurve, stribeck_loop
-from friction_estimator.core.online.kernels import run
 
 VELOCITY, FRICTION, PREDICTED, DEVIATION = range(4)
-"""Places in the outcome of a sample, m/s and N."""
+"""Places in the outcome of a sample; the last two are in force units."""
 
 NO_CURVE, SEAL, STRIBECK = range(3)
 
 REFUSED = -1
-"""What `take` says of a single sample that was not admitted."""
-
-GROWS = -2
-"""What it says of one that was, and after which the range is to grow."""
+"""What `receive` says of a single sample that was not admitted."""
 
 Arrays = tuple[Any, ...]
 
@@ -76,13 +72,13 @@ EVENTS = Layout(
     turns=np.float64,
     carried=np.float64,
 )
-"""What `_receive` takes: room for events, and what `pair`, `admit`, `unwrap` and `carry` take, scalars in arrays."""
+"""What `receive` takes: room for events, and what `pair`, `admit`, `unwrap` and `carry` take, scalars in arrays."""
 
 _E = EVENTS.at
 
 
 def events_table(room: Arrays, pairing: Arrays, admission: Arrays, unwrapping: Arrays, carrying: Arrays) -> Addresses:
-    """Return what `_receive` takes.
+    """Return what `receive` takes.
 
     Parameters
     ----------
@@ -127,7 +123,7 @@ SAMPLE = Layout(
     beyond=np.float64,
     learn=np.bool_,
 )
-"""What `_receive` makes a sample of: that as it was paired, what `wavelet_rows` takes, the theoretical curve, settings
+"""What `receive` makes a sample of: that as it was paired, what `wavelet_rows` takes, the theoretical curve, settings
 (sign of the friction, force unit, scale of the theory, ambient pressure, pressure and temperature where there is none),
 and what it fills for `kernels.run`."""
 
@@ -135,7 +131,7 @@ _P = SAMPLE.at
 
 
 def sample_table(rows: Arrays, curve: SealCurve | StribeckCurve | None, settings: Arrays, **beside: Any) -> Addresses:
-    """Return what `_receive` makes a sample in; see `SAMPLE`.
+    """Return what `receive` makes a sample in; see `SAMPLE`.
 
     Parameters
     ----------
@@ -204,13 +200,14 @@ def _prepare(table, learns):  # type: ignore[no-untyped-def] # pragma: no cover 
     bools(table, _P.learn)[0] = learns
 
 
-@njit(cache=True, forceinline=True)
-def _receive(table, sample, count, alone, learns):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+@njit(cache=True)
+def receive(events, sample, count, alone, learns):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Pair the first `count` events; return the number of samples that they complete.
 
-    Where it is one, and to be taken `alone`, it is admitted too, its position unwrapped, and `sample` filled for
-    `kernels.run`; `REFUSED` where it was not admitted.
+    Where it is one, and to be taken `alone`, it is admitted too, its position unwrapped, and what `kernels.run` takes
+    filled; `REFUSED` where it was not admitted. `events` and `sample` are addresses of the tables.
     """
+    table = table_at(events, len(_E))
     stream, stamp, value = ints(table, _E.stream), ints(table, _E.stamp), floats(table, _E.value)
     slop_ns, jump_ns = ints(table, _E.times_ns)[0], ints(table, _E.times_ns)[1]
     joined_stamp, held = ints(table, _E.joined_stamp), float_rows(table, _E.held)
@@ -261,41 +258,5 @@ def _receive(table, sample, count, alone, learns):  # type: ignore[no-untyped-de
             carry(own, speed, restart, position, held[0, AGE : AGE + 1], floats(table, _E.carried))
         if status[0] != USED:
             return REFUSED
-        _prepare(sample, learns)
-    return joined
-
-
-PARTS = Layout(events=np.int64, sample=np.int64, batch=np.int64, work=np.int64, law_number=np.int64)
-"""What `take` takes: the tables of `events_table`, `sample_table`, `kernels.batch`, a `Workspace`; number of the law.
-
-`sample` and `batch` may be empty where no sample is taken alone.
-"""
-
-_T = PARTS.at
-
-
-@njit(cache=True)
-def take(parts, count, alone, learns):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Pair the first `count` events; a single sample that they complete is predicted and learned from.
-
-    Parameters
-    ----------
-    parts : address of the table of `PARTS`.
-    alone : whether a single one is to be taken; otherwise it is left as it was paired, as several always are.
-    learns : whether to learn from it.
-
-    Returns
-    -------
-    The number of samples paired; `REFUSED` or `GROWS` where one was taken and that is to be said of it.
-    """
-    tables = table_at(parts, len(_T))
-    sample = int_rows(tables, _T.sample)
-    joined = _receive(int_rows(tables, _T.events), sample, count, alone, learns)
-    if joined == 1 and alone:
-        grows = run(ints(tables, _T.law_number)[0], int_rows(tables, _T.batch), int_rows(tables, _T.work)) > 0
-        outcome, force_unit = floats(sample, _P.outcome), floats(sample, _P.settings)[1]
-        outcome[PREDICTED] *= force_unit
-        outcome[DEVIATION] *= force_unit
-        if grows:
-            return GROWS
+        _prepare(table_at(sample, len(_P)), learns)
     return joined
