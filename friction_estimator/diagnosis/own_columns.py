@@ -10,6 +10,7 @@ from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import chain, islice
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -31,10 +32,6 @@ PARTS = 4
 MOST_KEPT = 32 << 20
 """Bytes of columns of each kind that are kept at most: of a record of more than some 30,000 samples a part is made
 anew."""
-
-MOMENTS = 3 * PARTS
-"""Moments at which what was made last is kept: those within a sample, each at the velocity, on a film that lags, and
-moving forward all the time."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +118,7 @@ def _earlier(features: Features, late_s: float) -> Callable[[str, Floats], Float
 
 
 class LastMade:
-    """What was made last of each effect at each moment, with one reference.
+    """What was made last of each effect at each moment, with one reference, as long as somebody has its features.
 
     A step of one term's parameter leaves what the others are made of as it is: most of a fit's time would go there.
 
@@ -134,28 +131,25 @@ class LastMade:
     def __init__(self, make: Callable[[Term, Features, Reference], Iterator[Floats]]) -> None:
         self._make = make
         self._reference: Reference | None = None
-        self._at: dict[int, tuple[Features, dict[str, tuple[dict[str, float], Floats]]]] = {}
+        self._at = WeakKeyDictionary[Features, dict[str, tuple[dict[str, float], Floats]]]()
 
     def __call__(self, term: Term, features: Features, reference: Reference) -> Iterator[Floats]:
         """Yield what is made of a term, (n_part, c), for one of `parts` after the other."""
         if self._reference is not reference:
-            self._reference, self._at = reference, {}
-        kept = self._at.get(id(features))
-        if kept is None:
-            if len(self._at) >= MOMENTS:
-                self._at.clear()
-            kept = self._at[id(features)] = features, {}
-        last = kept[1].get(term.name)
+            self._reference = reference
+            self._at.clear()
+        kept = self._at.setdefault(features, {})
+        last = kept.get(term.name)
         if last is None or last[0] != term.params:
             made = self._make(term, features, reference)
             first = next(made)
-            kept[1].pop(term.name, None)
+            kept.pop(term.name, None)
             size = first.nbytes * features.size // len(first)
-            if size + sum(m.nbytes for _, here in self._at.values() for _, m in here.values()) > MOST_KEPT:
+            if size + sum(m.nbytes for here in self._at.values() for _, m in here.values()) > MOST_KEPT:
                 yield first
                 yield from made
                 return
-            last = kept[1][term.name] = term.params, whole(chain([first], made), features.size)
+            last = kept[term.name] = term.params, whole(chain([first], made), features.size)
         for part in parts(features.size):
             yield last[1][part]
 
@@ -250,6 +244,7 @@ class OwnColumns:
             return features
         key, record = (time.name, time.params), self.problem.record
         if self._moved is None or self._moved[0] != key:
+            self._moved = None  # and with it all that was made of it: both at once are not needed
 
             def seen(channel: str, values: Floats) -> Floats:
                 return time.effect.seen(time.params, channel, values, record.features)

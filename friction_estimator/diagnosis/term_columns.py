@@ -6,6 +6,7 @@ the other effects of the model. What the friction law is made of is carried by b
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -13,8 +14,6 @@ from friction_estimator.core.sample import Floats
 from friction_estimator.core.sums import parts
 from friction_estimator.diagnosis.library import with_running_force
 from friction_estimator.diagnosis.own_columns import (
-    MOMENTS,
-    PARTS,
     LastMade,
     OnFilm,
     OwnColumns,
@@ -46,11 +45,12 @@ class TermColumns:
     def __init__(self, base: OwnColumns) -> None:
         self._base = base
         self.forces: tuple[Features, dict[str, Floats]] | None = None
-        self._films: dict[int, tuple[Features, dict[str, float], OnFilm | None]] = {}
-        self._forced: tuple[Reference, list[Features], list[Features]] | None = None
-        self._lacking: tuple[Features, Term, Floats] | None = None
-        self._forward: dict[int, tuple[Features, Reference, Features, Floats]] = {}
-        self._levels: tuple[Features, Reference, dict[str, float], Floats] | None = None
+        # What was made last of features, as long as somebody has them.
+        self._films = WeakKeyDictionary[Features, tuple[Reference, dict[str, float], OnFilm | None]]()
+        self._forced = WeakKeyDictionary[Features, tuple[Reference, Features]]()
+        self._lacking = WeakKeyDictionary[Features, tuple[Term, Reference, Floats]]()
+        self._forward = WeakKeyDictionary[Features, tuple[Reference, Features, Floats]]()
+        self._levels = WeakKeyDictionary[Features, tuple[Reference, dict[str, float], Floats]]()
         self._made = LastMade(Term.pieces)
 
     def settle(self, fitted_N: Floats, terms: Sequence[Term], reference: Reference, features: Features) -> None:
@@ -102,11 +102,13 @@ class TermColumns:
         if time is None:
             return [features]
         moments = self._base.moments(time, features)
-        kept = self._forced
-        if kept is None or kept[0] is not reference or list(map(id, kept[1])) != list(map(id, moments)):
-            made = [m if m is features else with_running_force(m, reference) for m in moments]
-            kept = self._forced = reference, moments, made
-        return kept[2]
+        return [m if m is features else self._with_running_force(m, reference) for m in moments]
+
+    def _with_running_force(self, features: Features, reference: Reference) -> Features:
+        kept = self._forced.get(features)
+        if kept is None or kept[0] is not reference:
+            kept = self._forced[features] = reference, with_running_force(features, reference)
+        return kept[1]
 
     def _at(self, term: Term, terms: Sequence[Term], reference: Reference, features: Features) -> Iterator[Floats]:
         """Return the columns of a term at the moment of these features, (n_part, c), part after part."""
@@ -132,44 +134,38 @@ class TermColumns:
         bristles = next((t for t in terms if t.weights.size and t.effect.carries(t.params)), None)
         if bristles is None:
             return made
-        if self._lacking is None or self._lacking[0] is not features or self._lacking[1] is not bristles:
+        kept = self._lacking.get(features)
+        if kept is None or kept[0] is not bristles or kept[1] is not reference:
             lacking = whole(self._made(bristles, features, reference), features.size) @ bristles.weights
-            self._lacking = features, bristles, lacking / reference.level(features.velocity_m_s, features.pressure_Pa)
+            share = lacking / reference.level(features.velocity_m_s, features.pressure_Pa)
+            kept = self._lacking[features] = bristles, reference, share
         forward, sign = self._sliding(features, reference)
-        return _carried(made, self._lacking[2] / sign, self._made(term, forward, reference))
+        return _carried(made, kept[2] / sign, self._made(term, forward, reference))
 
     def _sliding(self, features: Features, reference: Reference) -> tuple[Features, Floats]:
         """Return the features of a forward motion at the same speeds with its smooth sign; the last ones are kept."""
-        kept = self._forward.get(id(features))
-        if kept is None or kept[0] is not features or kept[1] is not reference:
-            if len(self._forward) >= MOMENTS:
-                self._forward.clear()
+        kept = self._forward.get(features)
+        if kept is None or kept[0] is not reference:
             forward = sliding(features, reference)
-            kept = features, reference, forward, reference.smooth_sign(forward.velocity_m_s)
-            self._forward[id(features)] = kept
-        return kept[2], kept[3]
+            kept = self._forward[features] = reference, forward, reference.smooth_sign(forward.velocity_m_s)
+        return kept[1], kept[2]
 
     def _level_on_film(self, lag: Term, features: Features, reference: Reference) -> Floats:
         """Return the level that bristles carry on a film that lags over that at the velocity, (n,)."""
-        if (
-            self._levels is None
-            or self._levels[0] is not features
-            or self._levels[1] is not reference
-            or self._levels[2] != lag.params
-        ):
-            self._levels = features, reference, lag.params, lag.effect.level_on_film(lag.params, features, reference)
-        return self._levels[3]
+        kept = self._levels.get(features)
+        if kept is None or kept[0] is not reference or kept[1] != lag.params:
+            level = lag.effect.level_on_film(lag.params, features, reference)
+            kept = self._levels[features] = reference, lag.params, level
+        return kept[2]
 
     def _on_film(self, lag: Term, features: Features, reference: Reference) -> OnFilm | None:
         """Return what follows a film that lags, with the running force there; those of the last moments are kept."""
-        kept = self._films.get(id(features))
-        if kept is None or kept[0] is not features or kept[1] != lag.params:
+        kept = self._films.get(features)
+        if kept is None or kept[0] is not reference or kept[1] != lag.params:
             film = on_film(lag, features, reference)
             if film is not None:
                 film = replace(film, features=with_running_force(film.features, reference))
-            if len(self._films) >= PARTS:
-                self._films.clear()
-            kept = self._films[id(features)] = features, lag.params, film
+            kept = self._films[features] = reference, lag.params, film
         return kept[2]
 
 

@@ -51,9 +51,9 @@ class Context:
     held: tuple[tuple[int, int], ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Features:
-    """Samples as regressors take them, arrays of one length.
+    """Samples as regressors take them, arrays of one length. What is made of them may be kept by them, weakly.
 
     Attributes
     ----------
