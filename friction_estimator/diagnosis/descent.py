@@ -108,7 +108,7 @@ class Descent:
         columns = self._columns(terms, reference, features)
         base = self._linear(terms, columns, base)
         last = Solution(base, tuple(weighted(terms, columns, base.extra)), source, anchors)
-        del columns  # as large as those of each round
+        del columns, reference, features  # as large as those of each round
         best, since, in_vain = None, 0, 0
         for _ in range(rounds):
             before = last

@@ -55,6 +55,7 @@ class Evaluation:
         The columns of terms take the forces that run at their stages from the same model.
         """
         if self._tables is None or self._tables[0] is not source:
+            self._tables = None  # and with them what was made of their features: both at once are not needed
             coefficients, terms = source
             fit = BaseFit.of(self.base(terms), coefficients)
             reference = reference_of(fit, self._record, self._context.sign_velocity_m_s)

@@ -34,9 +34,9 @@ MOST_KEPT = 32 << 20
 anew."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Term:
-    """One effect in a model: its class, its parameters and the coefficients of its columns."""
+    """One effect in a model: its class, its parameters and the coefficients of its columns; equal to itself alone."""
 
     effect: type[Effect]
     params: dict[str, float]

@@ -4,8 +4,10 @@ An effect that scales a force scales all of it that is there at its stage: the b
 the other effects of the model. What the friction law is made of is carried by bristles with the rest of the law.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
+from typing import Generic, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -29,6 +31,22 @@ from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.shapes import sliding
 from friction_estimator.effects.trace import STAGES
 
+T = TypeVar("T")
+
+
+class Kept(Generic[T]):
+    """What was made last of features with one reference and one key, as long as somebody has the features."""
+
+    def __init__(self) -> None:
+        self._of = WeakKeyDictionary[Features, tuple[Reference, object, T]]()
+
+    def __call__(self, features: Features, reference: Reference, key: object, make: Callable[[Features], T]) -> T:
+        """Return what `make` makes of the features; it does so where reference or key are others than the last."""
+        kept = self._of.get(features)
+        if kept is None or kept[0] is not reference or kept[1] != key:
+            kept = self._of[features] = reference, key, make(features)
+        return kept[2]
+
 
 class TermColumns:
     """Makes the columns of a model's terms.
@@ -45,12 +63,9 @@ class TermColumns:
     def __init__(self, base: OwnColumns) -> None:
         self._base = base
         self.forces: tuple[Features, dict[str, Floats]] | None = None
-        # What was made last of features, as long as somebody has them.
-        self._films = WeakKeyDictionary[Features, tuple[Reference, dict[str, float], OnFilm | None]]()
-        self._forced = WeakKeyDictionary[Features, tuple[Reference, Features]]()
-        self._lacking = WeakKeyDictionary[Features, tuple[Term, Reference, Floats]]()
-        self._forward = WeakKeyDictionary[Features, tuple[Reference, Features, Floats]]()
-        self._levels = WeakKeyDictionary[Features, tuple[Reference, dict[str, float], Floats]]()
+        self._films, self._forced = Kept[OnFilm | None](), Kept[Features]()
+        self._lacking, self._levels = Kept[Floats](), Kept[Floats]()
+        self._forward = Kept[tuple[Features, Floats]]()
         self._made = LastMade(Term.pieces)
 
     def settle(self, fitted_N: Floats, terms: Sequence[Term], reference: Reference, features: Features) -> None:
@@ -102,13 +117,8 @@ class TermColumns:
         if time is None:
             return [features]
         moments = self._base.moments(time, features)
-        return [m if m is features else self._with_running_force(m, reference) for m in moments]
-
-    def _with_running_force(self, features: Features, reference: Reference) -> Features:
-        kept = self._forced.get(features)
-        if kept is None or kept[0] is not reference:
-            kept = self._forced[features] = reference, with_running_force(features, reference)
-        return kept[1]
+        made = partial(with_running_force, reference=reference)
+        return [m if m is features else self._forced(m, reference, None, made) for m in moments]
 
     def _at(self, term: Term, terms: Sequence[Term], reference: Reference, features: Features) -> Iterator[Floats]:
         """Return the columns of a term at the moment of these features, (n_part, c), part after part."""
@@ -134,39 +144,34 @@ class TermColumns:
         bristles = next((t for t in terms if t.weights.size and t.effect.carries(t.params)), None)
         if bristles is None:
             return made
-        kept = self._lacking.get(features)
-        if kept is None or kept[0] is not bristles or kept[1] is not reference:
-            lacking = whole(self._made(bristles, features, reference), features.size) @ bristles.weights
-            share = lacking / reference.level(features.velocity_m_s, features.pressure_Pa)
-            kept = self._lacking[features] = bristles, reference, share
-        forward, sign = self._sliding(features, reference)
-        return _carried(made, kept[2] / sign, self._made(term, forward, reference))
 
-    def _sliding(self, features: Features, reference: Reference) -> tuple[Features, Floats]:
-        """Return the features of a forward motion at the same speeds with its smooth sign; the last ones are kept."""
-        kept = self._forward.get(features)
-        if kept is None or kept[0] is not reference:
-            forward = sliding(features, reference)
-            kept = self._forward[features] = reference, forward, reference.smooth_sign(forward.velocity_m_s)
-        return kept[1], kept[2]
+        def lacking(features: Features) -> Floats:
+            level = reference.level(features.velocity_m_s, features.pressure_Pa)
+            return whole(self._made(bristles, features, reference), features.size) @ bristles.weights / level
+
+        forward, sign = self._forward(features, reference, None, partial(_sliding, reference=reference))
+        share = self._lacking(features, reference, bristles, lacking) / sign
+        return _carried(made, share, self._made(term, forward, reference))
 
     def _level_on_film(self, lag: Term, features: Features, reference: Reference) -> Floats:
         """Return the level that bristles carry on a film that lags over that at the velocity, (n,)."""
-        kept = self._levels.get(features)
-        if kept is None or kept[0] is not reference or kept[1] != lag.params:
-            level = lag.effect.level_on_film(lag.params, features, reference)
-            kept = self._levels[features] = reference, lag.params, level
-        return kept[2]
+        level = partial(lag.effect.level_on_film, lag.params, reference=reference)
+        return self._levels(features, reference, lag.params, level)
 
     def _on_film(self, lag: Term, features: Features, reference: Reference) -> OnFilm | None:
-        """Return what follows a film that lags, with the running force there; those of the last moments are kept."""
-        kept = self._films.get(features)
-        if kept is None or kept[0] is not reference or kept[1] != lag.params:
+        """Return what follows a film that lags, with the running force there."""
+
+        def made(features: Features) -> OnFilm | None:
             film = on_film(lag, features, reference)
-            if film is not None:
-                film = replace(film, features=with_running_force(film.features, reference))
-            kept = self._films[features] = reference, lag.params, film
-        return kept[2]
+            return None if film is None else replace(film, features=with_running_force(film.features, reference))
+
+        return self._films(features, reference, lag.params, made)
+
+
+def _sliding(features: Features, reference: Reference) -> tuple[Features, Floats]:
+    """Return the features of a forward motion at the same speeds, and its smooth sign."""
+    forward = sliding(features, reference)
+    return forward, reference.smooth_sign(forward.velocity_m_s)
 
 
 def _on(film: OnFilm, made: Iterator[Floats], there: Iterator[Floats]) -> Iterator[Floats]:
