@@ -85,12 +85,16 @@ def node(axes: Sequence[Any], figures: Figures) -> None:
         axis.set_xlabel(label)
         axis.set_yticks(range(len(names)), names if axis is axes[0] else [])
         axis.invert_yaxis()
-        nice = [value for value in TICKS if axis.get_xlim()[0] <= value <= axis.get_xlim()[1]]
+        low, high = axis.get_xlim()
+        nice = [value for value in (TICKS if high < ROOMY * low else TICKS[::3]) if low <= value <= high]
         axis.set_xticks(nice, [f"{value:g}" for value in nice])
         axis.xaxis.set_minor_locator(NullLocator())
 
 
 TICKS = [digit * 10**power for power in range(1, 6) for digit in (1, 2, 5)]
+
+ROOMY = 100.0
+"""Ends of an axis whose ratio is larger have room for powers of ten alone."""
 
 
 def many(axes: Sequence[Any], figures: Figures) -> None:
