@@ -6,16 +6,38 @@ finds none, and one library loads another that is used by nobody here.
 
 import gc
 import sys
+from importlib.machinery import ModuleSpec, PathFinder
+from importlib.util import LazyLoader
+
+LAZY = "numpy.f2py"
+"""numpy's wrapper of Fortran, which nobody calls here. scipy takes all of numpy's names, and it is one of them."""
 
 START_OBJECTS = 10_000
 """Objects made between two searches for unreachable cycles, Python's own being 700: a start makes some 100,000, nearly
 all of which stay, and a search looks at them again and again."""
 
 
-def spare_the_start() -> None:
-    """Search for unreachable cycles seldom, and keep numba from importing `coverage`; before anything else is imported.
+class _WhenUsed:
+    """Finds `LAZY`, and has it loaded where its first attribute is asked for."""
 
-    numba imports `coverage` wherever it is installed, to tell it of compiled lines: a twentieth of a start.
+    @staticmethod
+    def find_spec(name: str, path: object = None, target: object = None) -> ModuleSpec | None:  # noqa: ARG004 - Python's
+        """Return the spec of that module alone."""
+        if name != LAZY:
+            return None
+        spec = PathFinder.find_spec(name, path)  # type: ignore[arg-type]
+        if spec is not None and spec.loader is not None:
+            spec.loader = LazyLoader(spec.loader)
+        return spec
+
+
+def spare_the_start() -> None:
+    """Search for unreachable cycles seldom, and leave out two imports; to be called before anything else is imported.
+
+    numba imports `coverage` wherever it is installed, to tell it of compiled lines: a twentieth of a start. `LAZY` is
+    another.
     """
     gc.set_threshold(START_OBJECTS)
     sys.modules.setdefault("coverage", None)  # type: ignore[arg-type]
+    if _WhenUsed not in sys.meta_path:
+        sys.meta_path.insert(0, _WhenUsed)

@@ -322,3 +322,13 @@ def test_the_start_of_the_node_imports_no_reader_of_recordings():
     start = "import friction_estimator.ros.estimator_node, sys; print('rosbags' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", start], check=True, capture_output=True, text=True)
     assert done.stdout.strip() == "False"
+
+
+def test_numpys_wrapper_of_fortran_is_loaded_by_whoever_uses_it():
+    start = (
+        "from friction_estimator.startup import spare_the_start; spare_the_start(); import sys, scipy.linalg, numpy; "
+        "inner = 'numpy.f2py.f2py2e'; before = inner in sys.modules; numpy.f2py.run_main; "
+        "print(before, inner in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", start], check=True, capture_output=True, text=True)
+    assert done.stdout.split() == ["False", "True"]

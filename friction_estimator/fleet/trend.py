@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
-from scipy.special import stdtrit
+import scipy  # its parts are loaded where they are first used: 0.1 s of a start
 
 from friction_estimator.core.sample import NS_PER_S
 
@@ -175,5 +175,7 @@ def _growth(time: Any, value: Any, error: Any, per: str) -> Growth | None:
     slope = float((weight * (time - centre) * value).sum() / power)
     left = value - float((weight * value).sum() / weight.sum()) - slope * (time - centre)
     scatter = float((weight * np.square(left)).sum() / (value.size - 2))
-    reach = float(stdtrit(value.size - 2, 0.975)) * math.sqrt((max(1.0, scatter) if is_weighed else scatter) / power)
+    reach = float(scipy.special.stdtrit(value.size - 2, 0.975)) * math.sqrt(
+        (max(1.0, scatter) if is_weighed else scatter) / power
+    )
     return Growth(slope, slope - reach, slope + reach, per)

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import stdtrit
+import scipy  # its parts are loaded where they are first used: 0.1 s of a start
 
 from friction_estimator.core.sample import Floats
 from friction_estimator.sweep.grid import Settings
@@ -236,7 +236,7 @@ def _standard_error(psi: Floats) -> tuple[float, float]:
 def _compared(difference: _Estimate | None, comparisons: int) -> Comparison | None:
     if difference is None or not math.isfinite(difference.error) or difference.freedom < 1:
         return None
-    quantile = float(stdtrit(difference.freedom, 1.0 - 0.5 * ERROR_RATE / max(1, comparisons)))
+    quantile = float(scipy.special.stdtrit(difference.freedom, 1.0 - 0.5 * ERROR_RATE / max(1, comparisons)))
     reach = quantile * difference.error
     ends = (math.exp(min(max(difference.value + sign * reach, -700.0), 700.0)) for sign in (-1.0, 1.0))
     return Comparison(math.exp(difference.value), *ends)
