@@ -90,7 +90,7 @@ def entry(dispatcher: Any, *types: Any) -> Any:
     dispatcher : what `njit` returned.
     types : of numba, one an argument. Numbers that are handed over are converted to them.
 
-    >>> half = entry(njit(lambda x: x / 2), numba.float64)
+    >>> half = entry(njit()(lambda x: x / 2), numba.float64)
     >>> half(3)
     1.5
     """
