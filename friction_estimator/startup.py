@@ -6,6 +6,7 @@ finds none, and one library loads another that is used by nobody here.
 
 import gc
 import sys
+from collections.abc import Sequence
 from importlib.machinery import ModuleSpec, PathFinder
 from importlib.util import LazyLoader
 
@@ -21,11 +22,11 @@ class _WhenUsed:
     """Finds `LAZY`, and has it loaded where its first attribute is asked for."""
 
     @staticmethod
-    def find_spec(name: str, path: object = None, target: object = None) -> ModuleSpec | None:  # noqa: ARG004 - Python's
-        """Return the spec of that module alone."""
+    def find_spec(name: str, path: Sequence[str] | None, target: object = None) -> ModuleSpec | None:  # noqa: ARG004
+        """Return the spec of that module alone; the arguments are those that Python hands over."""
         if name != LAZY:
             return None
-        spec = PathFinder.find_spec(name, path)  # type: ignore[arg-type]
+        spec = PathFinder.find_spec(name, path)
         if spec is not None and spec.loader is not None:
             spec.loader = LazyLoader(spec.loader)
         return spec
@@ -34,8 +35,8 @@ class _WhenUsed:
 def spare_the_start() -> None:
     """Search for unreachable cycles seldom, and leave out two imports; to be called before anything else is imported.
 
-    numba imports `coverage` wherever it is installed, to tell it of compiled lines: a twentieth of a start. `LAZY` is
-    another.
+    numba imports `coverage` wherever it is installed, to tell it of compiled lines: a twentieth of a start. As much
+    goes with `LAZY`, which is loaded when somebody uses it.
     """
     gc.set_threshold(START_OBJECTS)
     sys.modules.setdefault("coverage", None)  # type: ignore[arg-type]

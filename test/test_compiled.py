@@ -317,11 +317,14 @@ def test_a_start_leaves_out_coverage_and_most_searches_for_garbage(tmp_path):
     assert done.returncode == 0, done.stderr
 
 
+def printed(start):
+    """Return the words that a new process prints."""
+    return subprocess.run([sys.executable, "-c", start], check=True, capture_output=True, text=True).stdout.split()
+
+
 def test_the_start_of_the_node_imports_no_reader_of_recordings():
     pytest.importorskip("rclpy")
-    start = "import friction_estimator.ros.estimator_node, sys; print('rosbags' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", start], check=True, capture_output=True, text=True)
-    assert done.stdout.strip() == "False"
+    assert printed("import friction_estimator.ros.estimator_node, sys; print('rosbags' in sys.modules)") == ["False"]
 
 
 def test_numpys_wrapper_of_fortran_is_loaded_by_whoever_uses_it():
@@ -330,5 +333,4 @@ def test_numpys_wrapper_of_fortran_is_loaded_by_whoever_uses_it():
         "inner = 'numpy.f2py.f2py2e'; before = inner in sys.modules; numpy.f2py.run_main; "
         "print(before, inner in sys.modules)"
     )
-    done = subprocess.run([sys.executable, "-c", start], check=True, capture_output=True, text=True)
-    assert done.stdout.split() == ["False", "True"]
+    assert printed(start) == ["False", "True"]

@@ -163,7 +163,7 @@ class LiveStep(Events):
         The predictions of the samples that were completed and admitted; none while the first contact lasts.
         """
         if self._grows is not None:
-            self._grow()
+            self._grow(self._grows)
         estimator, now = self.estimator, self._now
         if estimator is not None and (
             now is None or now.work is not estimator.work or now.config is not estimator.config
@@ -201,18 +201,17 @@ class LiveStep(Events):
         makes up for it.
         """
         if self._grows is not None:
-            self._grow()
+            self._grow(self._grows)
         elif self.estimator is not None and self.estimator.may_grow_soon:
             growth = self.estimator.prepare()
             if growth is not None and (self._ahead is None or self._ahead.work is not growth.larger):
                 self._ahead = self._connected(growth.after, growth.larger, growth.config)
 
-    def _grow(self) -> None:
-        """Let the range grow where the last sample asked for it."""
-        estimator, self._grows = self._grows, None
-        if estimator is not None:
-            estimator.grow()
-            self._refresh(estimator)
+    def _grow(self, estimator: Estimator) -> None:
+        """Let the range grow, as the last sample asked for it."""
+        self._grows = None
+        estimator.grow()
+        self._refresh(estimator)
 
     def begin(self, estimator: Estimator) -> None:
         """Go on with this estimator; samples that wait for one become the backlog."""
