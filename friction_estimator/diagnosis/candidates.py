@@ -25,7 +25,7 @@ from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.lack_of_fit import WITHIN, LackOfFit, Wider
 from friction_estimator.diagnosis.own_columns import Term, time_of
-from friction_estimator.effects.base import REVERSAL, Effect
+from friction_estimator.effects.base import REVERSAL, SLOW, Effect
 from friction_estimator.effects.features import Context
 
 EARLY = 2.5
@@ -247,15 +247,19 @@ class Candidates:
     def stands(self, model: Model, one: Candidate) -> bool:
         """Return whether an effect gains in most of the record, and beyond the samples right after reversals.
 
-        A sharp model error there depends on the phase of the sampling; a name that lives on it alone names that.
+        A sharp model error there depends on the phase of the sampling; a name that lives on it alone names that. What
+        is a function of time acts in one part of the record by its nature: of its gain, d^2 + 2 d r with d the change
+        and r what is left, only the second differs from block to block by chance.
         """
         record = self.problem.record
-        decrease = (np.square(model.joint.residual_N) - np.square(one.model.joint.residual_N)) * record.used
+        after = one.model.joint.residual_N
+        change = model.joint.residual_N - after
+        counted = record.used
         if one.effect.acts != REVERSAL:
-            early = record.features.since_reversal_s < EARLY * self.context.step_s
-            decrease = np.where(early, 0.0, decrease)
-        gains = np.bincount(record.block, weights=decrease)
-        error = float(np.std(gains, ddof=1)) * np.sqrt(gains.size)
+            counted = counted & (record.features.since_reversal_s >= EARLY * self.context.step_s)
+        by_chance = np.bincount(record.block, weights=2.0 * change * after * counted)
+        gains = by_chance + np.bincount(record.block, weights=np.square(change) * counted)
+        error = float(np.std(by_chance if one.effect.acts == SLOW else gains, ddof=1)) * np.sqrt(gains.size)
         return bool(gains.sum() > stdtrit(gains.size - 1, 0.975) * error)
 
     def beyond_memory(self, model: Model, one: Candidate, gain_N2: float) -> bool:

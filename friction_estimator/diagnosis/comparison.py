@@ -72,7 +72,7 @@ class Comparison:
             one_more = self._fits(model, name, found[name].params)
             if one_more is not None:
                 fits[name] = one_more
-        same = equals(best, list(fits.values()))
+        same = equals(best, [c for c in fits.values() if c.gain > CONTENDER * best.gain])
         # What goes with time is made as well as that of a recorded variable by many a shape; anything else is not.
         slow = best.effect.acts == SLOW
         measured = next((c for c in same if c.effect.recorded and (slow or within_errors(best, c))), None)

@@ -6,7 +6,9 @@ from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.causes import Search
 from friction_estimator.diagnosis.held_out import gain_between, held_out_errors
 from friction_estimator.diagnosis.joint_fit import JointFit
+from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import Record
+from friction_estimator.effects.base import SLOW
 from friction_estimator.effects.features import Context
 
 
@@ -16,6 +18,11 @@ def gaining(found: Search, record: Record, context: Context, spread: float) -> t
     The search judges by a fit that is linear about its optimum; the gains that are told come from whole refits. One
     that does not gain before the later causes stays if it does beside them.
     """
+
+    def doubted(before: Floats, after: Floats, term: Term) -> bool:
+        gain = gain_between(before, after, record, spread, slow=term.effect.acts == SLOW)
+        return gain.low_percent <= 0.0
+
     errors = [held_out_errors(found.problem, context, m) for m in found.models]
     beside: set[str] = set()
     while True:
@@ -23,14 +30,14 @@ def gaining(found: Search, record: Record, context: Context, spread: float) -> t
             i
             for i, cause in enumerate(found.causes)
             if cause.p_value is not None and cause.name not in beside
-            if gain_between(errors[i], errors[i + 1], record, spread).low_percent <= 0.0
+            if doubted(errors[i], errors[i + 1], found.models[i + 1].terms[-1])
         ]
         if not doubtful:
             return found, errors
         i = doubtful[-1]
         fewer = _without(found, i, context)
         left = errors[: i + 1] + [held_out_errors(fewer.problem, context, m) for m in fewer.models[i + 1 :]]
-        if i + 1 < len(found.causes) and gain_between(left[-1], errors[-1], record, spread).low_percent > 0.0:
+        if i + 1 < len(found.causes) and not doubted(left[-1], errors[-1], found.models[-1].terms[i]):
             beside.add(found.causes[i].name)
         else:
             found, errors = fewer, left

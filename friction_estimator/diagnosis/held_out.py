@@ -55,16 +55,25 @@ def rms(error: Floats, record: Record) -> float:
     return float(np.sqrt(np.mean(np.square(error[record.used]))))
 
 
-def gain_between(before: Floats, after: Floats, record: Record, spread: float) -> Gain:
-    """Return the gain with its 95 % interval over blocks."""
+def gain_between(before: Floats, after: Floats, record: Record, spread: float, slow: bool = False) -> Gain:
+    """Return the gain with its 95 % interval over blocks.
+
+    Formula::
+
+        sum before^2 - sum after^2 = sum d^2 + sum 2 d after,    d = before - after
+
+    Of a cause that is a function of time (`slow`) d^2 lies in one part of the record by its nature: only the rest
+    differs from block to block by chance.
+    """
     one = _block_sums(np.square(before), record.block, record.used)
     other = _block_sums(np.square(after), record.block, record.used)
+    varies = one - _block_sums(np.square(before - after), record.block, record.used) if slow else one
     count = float(record.used.sum())
     nrmse_before = float(np.sqrt(one.sum() / count)) / spread
     nrmse_after = float(np.sqrt(other.sum() / count)) / spread
     ratio = nrmse_after / max(nrmse_before, 1e-300)
     # d(sqrt(sum other / sum one)), block by block
-    influence = ratio / 2.0 * (other / max(other.sum(), 1e-300) - one / max(one.sum(), 1e-300))
+    influence = ratio / 2.0 * (other / max(other.sum(), 1e-300) - varies / max(one.sum(), 1e-300))
     error = float(np.sqrt(np.square(influence - influence.mean()).sum() * one.size / max(one.size - 1, 1)))
     reach = 100.0 * float(stdtrit(max(one.size - 1, 1), 0.975)) * error
     reduction = 100.0 * (1.0 - ratio)

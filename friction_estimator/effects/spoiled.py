@@ -27,6 +27,8 @@ SPIKE = 4.8
 
 SPIKE_CHANCE = 1.7e-6
 FEWEST_SPIKES = 4
+FAR = 2.0
+"""Times `SPIKE` from which two or three are enough: the tails of real noise reach a little beyond a Gaussian's."""
 
 CROWD = 0.3
 """Share of the hits that fall into one of 25 equally likely places of the cycle by a cause, not by chance."""
@@ -201,7 +203,8 @@ class Outliers(Effect):
         power = float(np.square(innovation[hit]).sum()) / max(int(used.sum()), 1)
         total = float(np.mean(np.square(residual[used])))
         p_value = float(scipy.special.bdtrc(count - 1, residual.size, SPIKE_CHANCE))
-        if count < FEWEST_SPIKES or p_value > 1e-4 or power < LEAST_SHARE * total:
+        few = count < FEWEST_SPIKES and (count < 2 or size[hit].min() < FAR * SPIKE)
+        if few or p_value > 1e-4 or power < LEAST_SHARE * total:
             return None
         height = float(np.sqrt(np.mean(np.square(innovation[hit]))))
         reach = height * (0.02 + 2.0 * usual / height / np.sqrt(count)) + 0.5 * float(np.std(np.abs(innovation[hit])))
