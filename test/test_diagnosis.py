@@ -1,6 +1,7 @@
 """Hide an effect in simulated data and require its name; hide none and require none."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -281,6 +282,21 @@ def test_measured_ball_screw_shows_its_pitch_and_its_asymmetry(shared_data: Path
     assert ripple.gain.low_percent > 0.0
     assert set(found) - {"position_dependence"} <= {"direction_asymmetry", "sensor_bias"}
     assert len(found) == 2
+
+
+def test_a_gain_that_steps_in_the_first_lap_of_a_measured_ball_screw_is_named(shared_data: Path) -> None:
+    """A sixth of the record, of twelve blocks two; what explains a hundredth of it is no rival."""
+    settings = Config.from_mapping({"model.type": "hammerstein", "theory.kind": "none"})
+    measured = emps(shared_data)
+    after = measured.stamp_ns - measured.stamp_ns[0] > 4_013_000_000
+    stepped = replace(measured, friction_N=np.where(after, 1.107, 1.0) * measured.friction_N)
+    some = ("direction_asymmetry", "gain_step", "bias_step", "time_delay", "sensor_lowpass")
+    result = diagnose([stepped], settings, catalogue={name: EFFECTS[name] for name in some})
+    found = {e.name: e for e in result.effects}
+    assert "gain_step" in found
+    assert found["gain_step"].parameters["step"].value == pytest.approx(0.107, rel=0.15)
+    assert found["gain_step"].parameters["at"].low < 4.013 < found["gain_step"].parameters["at"].high
+    assert not {"time_delay", "sensor_lowpass"} & set(found["gain_step"].rivals)
 
 
 @pytest.mark.parametrize(

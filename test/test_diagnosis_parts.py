@@ -175,6 +175,16 @@ def test_noise_of_any_colour_has_no_outliers(clean: Samples, pole: float) -> Non
     assert set(np.flatnonzero(record.used & ~found.used)) == {517, 1493, 2581, 3444, 4719, 5301}
 
 
+@pytest.mark.parametrize(("height", "places", "found"), [(9.0, [517, 3444, 5301], False), (20.0, [517, 3444], True)])
+def test_two_spikes_are_some_if_they_are_far_off(clean: Samples, height: float, places: list[int], found: bool) -> None:
+    record = build_record([clean], Config())
+    residual = np.random.default_rng(3).standard_normal(len(clean))
+    residual[places] = height * np.array([1.0, -1.0, 1.0])[: len(places)]
+    fault = outliers(record, residual)
+    assert (fault is not None) == found
+    assert fault is None or set(np.flatnonzero(record.used & ~fault.used)) == set(places)
+
+
 def test_what_happens_at_each_reversal_neither_is_an_outlier_nor_hides_some(clean: Samples) -> None:
     record = build_record([clean], Config())
     residual = np.random.default_rng(4).standard_normal(len(clean))

@@ -124,6 +124,27 @@ def test_a_likeness_is_a_rival_where_more_is_left_than_the_two_differ_by() -> No
     assert all("wear" in set_of(one) for one in slow)
 
 
+@pytest.mark.parametrize("hidden", ["gain_step:size=0.05,at=21.5", "wear:size=0.05,length=0.05"])
+def test_what_acts_in_a_tenth_of_a_record_of_few_blocks_is_named(hidden) -> None:
+    """A step near the end, and running in over the first strokes: most of twelve blocks have nothing of either."""
+    data = record([hidden], plant="stribeck", segments=(segment(4.0, 50.0, 12.0), segment(4.0, 200.0, 12.0)))
+    (found,) = diagnose([data], Config()).effects
+    assert found.name == hidden.split(":")[0]
+    assert found.gain is not None
+    assert found.gain.low_percent > 0.0
+
+
+@pytest.mark.parametrize("plant", ["stribeck", "tabulated"])
+def test_noise_that_rises_in_a_tenth_of_a_record_is_no_change_in_time_and_no_spikes(plant) -> None:
+    data = record(plant=plant, segments=(segment(4.0, 50.0, 12.0), segment(4.0, 200.0, 12.0)), seed=2)
+    last = len(data) // 12
+    louder = data.friction_N.copy()
+    louder[-last:] += 0.08 * np.std(louder) * np.random.default_rng(2).standard_normal(last)
+    found = diagnose([replace(data, friction_N=louder)], Config())
+    assert set(names(found)) <= {"direction_asymmetry"}  # the plant's own, of one of the two
+    assert found.remainder is not None or found.unexplained_percent > 5.0
+
+
 @pytest.mark.parametrize(
     ("plant", "hidden", "noise", "seed", "told"),
     [

@@ -89,10 +89,10 @@ def moving(view: DataView) -> Bools:
 
 
 def local_scale(features: Features, used: Bools, residual: Floats) -> Floats:
-    """Return the robust local standard deviation of a residual, (n,): by time since the reversal and by speed."""
+    """Return the robust local standard deviation of a residual, (n,): by time since the reversal, speed and time."""
     since = np.where(np.isfinite(features.since_reversal_s), features.since_reversal_s, 1e9)
     scale = np.zeros(residual.size)
-    for values in (since, np.abs(features.velocity_m_s)):
+    for values in (since, np.abs(features.velocity_m_s), features.time_s):
         edges = np.quantile(values, np.linspace(0.0, 1.0, 25)[1:-1])
         cell = np.searchsorted(edges, values)
         for number in range(cell.max() + 1):
