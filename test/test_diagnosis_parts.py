@@ -185,6 +185,17 @@ def test_two_spikes_are_some_if_they_are_far_off(clean: Samples, height: float, 
     assert fault is None or set(np.flatnonzero(record.used & ~fault.used)) == set(places)
 
 
+def test_what_happens_after_two_reversals_or_twice_at_one_place_is_no_outlier(clean: Samples) -> None:
+    record = build_record([clean], Config())
+    noise = np.random.default_rng(3).standard_normal(len(clean))
+    peaks, scratch = noise.copy(), noise.copy()
+    peaks[record.turns[[2, 5]] + 4] += 20.0
+    middle = np.flatnonzero(np.diff(np.sign(record.features.position_m - np.median(record.features.position_m))))
+    scratch[middle[[1, 4]]] += 20.0
+    assert outliers(record, peaks) is None
+    assert outliers(record, scratch) is None
+
+
 def test_what_happens_at_each_reversal_neither_is_an_outlier_nor_hides_some(clean: Samples) -> None:
     record = build_record([clean], Config())
     residual = np.random.default_rng(4).standard_normal(len(clean))

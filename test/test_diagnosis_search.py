@@ -134,10 +134,21 @@ def test_what_acts_in_a_tenth_of_a_record_of_few_blocks_is_named(hidden) -> None
     assert found.gain.low_percent > 0.0
 
 
+def test_what_shows_where_the_drive_is_faster_is_no_change_in_time() -> None:
+    """Heat: friction follows the square of the speed by a second, and only the last strokes are fast."""
+    data = record(plant="stribeck", segments=(segment(4.0, 50.0, 20.0), segment(1.0, 50.0, 4.0)), seed=11)
+    speed = data.velocity_m_s / np.abs(data.velocity_m_s).max()
+    heat = np.convolve(np.square(speed), np.exp(-np.arange(600) / 200.0) / 200.0)[: len(data)]
+    heated = data.friction_N + 0.12 * np.std(data.friction_N) * np.sign(speed) * heat
+    found = diagnose([replace(data, friction_N=heated)], Config())
+    assert (found.verdict, names(found)) == ("unexplained", [])
+
+
 @pytest.mark.parametrize("plant", ["stribeck", "tabulated"])
-def test_noise_that_rises_in_a_tenth_of_a_record_is_no_change_in_time_and_no_spikes(plant) -> None:
+@pytest.mark.parametrize("part", [1.0 / 12.0, 0.1])
+def test_noise_that_rises_in_a_tenth_of_a_record_is_no_change_in_time_and_no_spikes(plant, part) -> None:
     data = record(plant=plant, segments=(segment(4.0, 50.0, 12.0), segment(4.0, 200.0, 12.0)), seed=2)
-    last = len(data) // 12
+    last = round(part * len(data))
     louder = data.friction_N.copy()
     louder[-last:] += 0.08 * np.std(louder) * np.random.default_rng(2).standard_normal(last)
     found = diagnose([replace(data, friction_N=louder)], Config())

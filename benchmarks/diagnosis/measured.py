@@ -14,6 +14,7 @@ import argparse
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from itertools import pairwise
 from multiprocessing import get_context
 from pathlib import Path
 from time import process_time
@@ -23,7 +24,7 @@ import numpy as np
 from judge import Line, told
 
 from friction_estimator.core.errors import ConfigError
-from friction_estimator.core.sample import NS_PER_S, Floats, Samples
+from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.effects import EFFECTS, Effect
@@ -75,8 +76,12 @@ def main() -> None:
 
 
 def _lines(path: Path) -> list[Line]:
-    texts = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-    return [json.loads(text) for text in texts]
+    """Return the lines of a file; one that a stopped run wrote in part is taken off it."""
+    whole = path.read_text(encoding="utf-8") if path.exists() else ""
+    kept = whole[: whole.rfind("\n") + 1]
+    if kept != whole:
+        path.write_text(kept, encoding="utf-8")
+    return [json.loads(text) for text in kept.splitlines()]
 
 
 # Machines
@@ -138,7 +143,7 @@ def trace(samples: Samples) -> Trace:
         time_s=time_s,
         position_m=samples.position_m,
         velocity_m_s=velocity,
-        acceleration_m_s2=np.gradient(velocity, float(np.median(np.diff(time_s)))),
+        acceleration_m_s2=_accelerations(velocity, time_s, samples.restart),
         pressure_Pa=ATMOSPHERE_PA * ones if samples.pressure_Pa is None else samples.pressure_Pa,
         temperature_degC=20.0 * ones,
         friction_N=samples.friction_N.copy(),
@@ -152,6 +157,16 @@ def trace(samples: Samples) -> Trace:
         period_s=np.zeros(n),
         law=law,
     )
+
+
+def _accelerations(velocity: Floats, time_s: Floats, restart: Bools) -> Floats:
+    """Return the derivative of the velocity within each stretch without gap, (n,), m/s^2."""
+    out = np.zeros(velocity.size)
+    edges = np.append(np.flatnonzero(restart), velocity.size)
+    for a, b in pairwise(edges):
+        if b - a > 1:
+            out[a:b] = np.gradient(velocity[a:b], time_s[a:b])
+    return out
 
 
 def _top(samples: Samples) -> float:
@@ -229,13 +244,18 @@ def judged(line: Line, alone: Line) -> tuple[str, list[str]]:
     hidden = line["hidden"]
     if "not_made" in line:
         return UNMADE, []
-    known = {name for one in _findings(alone) for name in (one["name"], *one["rivals"])}
-    names = [one["name"] for one in _findings(line)]
-    listed = {one["name"] for one in _findings(line) if hidden in one["rivals"]}
-    further = [name for name in names if name not in known | listed | {hidden}]
-    if hidden in [one["name"] for one in _findings(alone)]:
+    before = {one["name"]: one["rivals"] for one in _findings(alone)}
+    now = {one["name"]: one["rivals"] for one in _findings(line)}
+    known = set(before).union(*before.values())
+    listed = {name for name, rivals in now.items() if hidden in rivals}
+    further = [name for name in now if name not in known | listed | {hidden}]
+    if hidden in before:
         return BEFORE, further
-    return (NAMED if hidden in names else SET if listed else MISSED), further
+    if hidden in now:
+        return NAMED, further
+    if listed - {name for name, rivals in before.items() if hidden in rivals}:
+        return SET, further
+    return (BEFORE if hidden in known else MISSED), further
 
 
 def _findings(line: Line) -> list[Line]:

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import stdtrit
 
 from friction_estimator.diagnosis.any_pressure import AnyPressure
 from friction_estimator.diagnosis.base_problem import BaseProblem
@@ -20,6 +19,7 @@ from friction_estimator.diagnosis.candidate import (
 from friction_estimator.diagnosis.capacity import UnlikeMemories
 from friction_estimator.diagnosis.causes import LATER_SHARE
 from friction_estimator.diagnosis.forms import OtherForms, power_N2
+from friction_estimator.diagnosis.held_out import gains_beyond_chance
 from friction_estimator.diagnosis.intervals import Estimate, estimates
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.joint_fit import JointFit
@@ -248,19 +248,14 @@ class Candidates:
         """Return whether an effect gains in most of the record, and beyond the samples right after reversals.
 
         A sharp model error there depends on the phase of the sampling; a name that lives on it alone names that. What
-        is a function of time acts in one part of the record by its nature: of its gain, d^2 + 2 d r with d the change
-        and r what is left, only the second differs from block to block by chance.
+        is a function of time need not gain in most of the record (`gains_beyond_chance`).
         """
         record = self.problem.record
-        after = one.model.joint.residual_N
-        change = model.joint.residual_N - after
-        counted = record.used
+        counted = np.ones(record.used.size, np.bool_)
         if one.effect.acts != REVERSAL:
-            counted = counted & (record.features.since_reversal_s >= EARLY * self.context.step_s)
-        by_chance = np.bincount(record.block, weights=2.0 * change * after * counted)
-        gains = by_chance + np.bincount(record.block, weights=np.square(change) * counted)
-        error = float(np.std(by_chance if one.effect.acts == SLOW else gains, ddof=1)) * np.sqrt(gains.size)
-        return bool(gains.sum() > stdtrit(gains.size - 1, 0.975) * error)
+            counted = record.features.since_reversal_s >= EARLY * self.context.step_s
+        before, after = model.joint.residual_N, one.model.joint.residual_N
+        return gains_beyond_chance(before, after, record, counted, slow=one.effect.acts == SLOW)
 
     def beyond_memory(self, model: Model, one: Candidate, gain_N2: float) -> bool:
         """Return whether an effect of this gain is more than unlike memories of the base, which are lack of fit.

@@ -1,6 +1,6 @@
 """Which candidate explains a model's remainder best: joint refits, other forms, and a look one cause ahead."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from friction_estimator.diagnosis.candidate import (
     PLAIN,
@@ -72,14 +72,14 @@ class Comparison:
             one_more = self._fits(model, name, found[name].params)
             if one_more is not None:
                 fits[name] = one_more
-        same = equals(best, [c for c in fits.values() if c.gain > CONTENDER * best.gain])
+        same = _equals(best, fits.values())
         # What goes with time is made as well as that of a recorded variable by many a shape; anything else is not.
         slow = best.effect.acts == SLOW
         measured = next((c for c in same if c.effect.recorded and (slow or within_errors(best, c))), None)
         if measured is not None and not best.effect.recorded:
             # Of equals the one whose cause was recorded is named: it needs no cause that nobody saw.
             best = measured
-            same = equals(best, list(fits.values()))
+            same = _equals(best, fits.values())
         others = [c for c in (*fits.values(), *(c for c in shaped if c.belied)) if c.name != best.name]
         close = [c for c in others if c.gain > CLOSE * best.gain and not needs_memory(best, c)]
         behind = sorted(((c.name, _behind_N2(best, c)) for c in close), key=lambda item: item[1])
@@ -156,6 +156,11 @@ class Comparison:
             recorded = [name for name, cls in self._views.catalogue.items() if cls.recorded]
             return [name for name in recorded if self._views.catalogue[name].channel in self._views.context.channels]
         return []
+
+
+def _equals(best: Candidate, others: Iterable[Candidate]) -> list[Candidate]:
+    """Return the contenders that explain the record as well as the best one does, best first."""
+    return equals(best, [c for c in others if c.gain > CONTENDER * best.gain])
 
 
 def _behind_N2(best: Candidate, other: Candidate) -> float:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtrit
 
-from friction_estimator.core.sample import Bools, Floats, Ints
+from friction_estimator.core.sample import Bools, Floats
 from friction_estimator.diagnosis.base_problem import BaseProblem
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.joint_fit import JointFit
@@ -13,6 +13,9 @@ from friction_estimator.diagnosis.record import Record
 from friction_estimator.effects.features import Context
 
 FOLDS = 4
+
+AS_FAST = 0.1
+"""Of the rms speed of a block: what another may be slower or faster by and still be driven as it is."""
 
 
 @dataclass(frozen=True)
@@ -56,29 +59,58 @@ def rms(error: Floats, record: Record) -> float:
 
 
 def gain_between(before: Floats, after: Floats, record: Record, spread: float, slow: bool = False) -> Gain:
-    """Return the gain with its 95 % interval over blocks.
-
-    Formula::
-
-        sum before^2 - sum after^2 = sum d^2 + sum 2 d after,    d = before - after
-
-    Of a cause that is a function of time (`slow`) d^2 lies in one part of the record by its nature: only the rest
-    differs from block to block by chance.
-    """
-    one = _block_sums(np.square(before), record.block, record.used)
-    other = _block_sums(np.square(after), record.block, record.used)
-    varies = one - _block_sums(np.square(before - after), record.block, record.used) if slow else one
+    """Return the gain with its 95 % interval over blocks; `slow` as `by_chance` has it."""
+    change = before - after
+    one, other = (block_sums(np.square(error), record) for error in (before, after))
     count = float(record.used.sum())
     nrmse_before = float(np.sqrt(one.sum() / count)) / spread
     nrmse_after = float(np.sqrt(other.sum() / count)) / spread
     ratio = nrmse_after / max(nrmse_before, 1e-300)
     # d(sqrt(sum other / sum one)), block by block
-    influence = ratio / 2.0 * (other / max(other.sum(), 1e-300) - varies / max(one.sum(), 1e-300))
+    influence = ratio / 2.0 * (other / max(other.sum(), 1e-300) - one / max(one.sum(), 1e-300))
+    if slow and alike_elsewhere(change, record):
+        influence = ratio / 2.0 * block_sums(2.0 * change * after, record) / max(one.sum(), 1e-300)
     error = float(np.sqrt(np.square(influence - influence.mean()).sum() * one.size / max(one.size - 1, 1)))
     reach = 100.0 * float(stdtrit(max(one.size - 1, 1), 0.975)) * error
     reduction = 100.0 * (1.0 - ratio)
     return Gain(nrmse_before, nrmse_after, reduction, reduction - reach, reduction + reach)
 
 
-def _block_sums(values: Floats, block: Ints, used: Bools) -> Floats:
-    return np.asarray(np.bincount(block, weights=values * used), np.float64)
+def gains_beyond_chance(before: Floats, after: Floats, record: Record, counted: Bools, slow: bool) -> bool:
+    """Return whether the squared error falls by more than its error from block to block, of the samples counted.
+
+    Formula::
+
+        sum before^2 - sum after^2 = sum d^2 + sum 2 d after,    d = before - after
+
+    A cause that is a function of time (`slow`) acts in one part of the record by its nature: of d^2 nothing is chance,
+    if the drive is there what it is elsewhere, too. Else what the model gets wrong of that drive looks the same, and
+    the whole gain must be alike from block to block, as that of any other cause.
+    """
+    change = np.where(counted, before - after, 0.0)
+    varies = gains = block_sums(change * (before + after), record)
+    if slow and alike_elsewhere(change, record):
+        varies = block_sums(2.0 * change * after, record)
+    error = float(np.std(varies, ddof=1)) * np.sqrt(gains.size)
+    return bool(gains.sum() > stdtrit(gains.size - 1, 0.975) * error)
+
+
+def alike_elsewhere(change: Floats, record: Record) -> bool:
+    """Return whether the drive is as fast elsewhere as where a change (n,) is large, by the rms speed of blocks.
+
+    Large is what lies above the mean power; half of that at least must be where other blocks are as slow and as fast.
+    """
+    power = block_sums(np.square(change), record)
+    count = np.maximum(block_sums(np.ones(change.size), record), 1.0)
+    speed = np.sqrt(block_sums(np.square(record.features.velocity_m_s), record) / count)
+    large = power / count > power.sum() / count.sum()
+    if large.all() or not large.any():
+        return True
+    low, high = (1.0 - AS_FAST) * speed[~large].min(), (1.0 + AS_FAST) * speed[~large].max()
+    known = large & (speed >= low) & (speed <= high)
+    return bool(power[known].sum() >= 0.5 * power[large].sum())
+
+
+def block_sums(values: Floats, record: Record) -> Floats:
+    """Return sums over the used samples of each block, (blocks,)."""
+    return np.asarray(np.bincount(record.block, weights=values * record.used, minlength=record.blocks), np.float64)

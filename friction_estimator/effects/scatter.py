@@ -12,6 +12,9 @@ from friction_estimator.effects.features import Features
 MAD = 1.4826
 """Standard deviation of a Gaussian over its median absolute deviation."""
 
+CELLS = 24
+"""Equally likely cells of a variable in which a local deviation is measured."""
+
 FEWEST_LEVELS = 5
 """Distinct values; with fewer any two spacings look alike."""
 
@@ -89,12 +92,17 @@ def moving(view: DataView) -> Bools:
 
 
 def local_scale(features: Features, used: Bools, residual: Floats) -> Floats:
-    """Return the robust local standard deviation of a residual, (n,): by time since the reversal, speed and time."""
+    """Return the robust local standard deviation of a residual, (n,): by time since the reversal, speed and time.
+
+    Cells of the time overlap by half: where noise rises within one, it is there in most of the next.
+    """
     since = np.where(np.isfinite(features.since_reversal_s), features.since_reversal_s, 1e9)
+    whole = np.linspace(0.0, 1.0, CELLS + 1)[1:-1]
+    between = (np.arange(CELLS) + 0.5) / CELLS
+    speed, time_s = np.abs(features.velocity_m_s), features.time_s
     scale = np.zeros(residual.size)
-    for values in (since, np.abs(features.velocity_m_s), features.time_s):
-        edges = np.quantile(values, np.linspace(0.0, 1.0, 25)[1:-1])
-        cell = np.searchsorted(edges, values)
+    for values, shares in ((since, whole), (speed, whole), (time_s, whole), (time_s, between)):
+        cell = np.searchsorted(np.quantile(values, shares), values)
         for number in range(cell.max() + 1):
             inside = cell == number
             good = residual[inside & used]

@@ -4,7 +4,7 @@ import numpy as np
 import scipy  # its parts are loaded where they are first used: 0.1 s of a start
 
 from friction_estimator.core.quantities import FORCE, quantity
-from friction_estimator.core.sample import Bools, Ints
+from friction_estimator.core.sample import Bools, Floats, Ints
 from friction_estimator.effects.base import Effect, Key, Words, effect, form_key
 from friction_estimator.effects.detection import MASKED, DataView, Fault
 from friction_estimator.effects.scatter import MAD, local_scale, moving_share
@@ -27,11 +27,14 @@ SPIKE = 4.8
 
 SPIKE_CHANCE = 1.7e-6
 FEWEST_SPIKES = 4
-FAR = 2.0
-"""Times `SPIKE` from which two or three are enough: the tails of real noise reach a little beyond a Gaussian's."""
+FAR, FAR_CHANCE = 9.6, 8e-22
+"""From here two or three are enough, if they are the only ones: tails heavier than a Gaussian's would show more of the
+smaller ones."""
 
 CROWD = 0.3
 """Share of the hits that fall into one of 25 equally likely places of the cycle by a cause, not by chance."""
+ONE_PLACE = 0.02
+"""Share of the samples that lie between hits, too few to crowd, of one cause: a scratch, or what comes after a turn."""
 
 
 @effect
@@ -202,9 +205,11 @@ class Outliers(Effect):
         count = int(hit.sum())
         power = float(np.square(innovation[hit]).sum()) / max(int(used.sum()), 1)
         total = float(np.mean(np.square(residual[used])))
-        p_value = float(scipy.special.bdtrc(count - 1, residual.size, SPIKE_CHANCE))
-        few = count < FEWEST_SPIKES and (count < 2 or size[hit].min() < FAR * SPIKE)
-        if few or p_value > 1e-4 or power < LEAST_SHARE * total:
+        few = count < FEWEST_SPIKES
+        p_value = float(scipy.special.bdtrc(count - 1, residual.size, FAR_CHANCE if few else SPIKE_CHANCE))
+        if few and (count < 2 or size[hit].min() < FAR or _at_one_place(view, hit)):
+            return None
+        if p_value > 1e-4 or power < LEAST_SHARE * total:
             return None
         height = float(np.sqrt(np.mean(np.square(innovation[hit]))))
         reach = height * (0.02 + 2.0 * usual / height / np.sqrt(count)) + 0.5 * float(np.std(np.abs(innovation[hit])))
@@ -232,12 +237,25 @@ def _mean_interval(values: Ints) -> tuple[float, float]:
 
 def _gathered(view: DataView, hit: Bools) -> Bools:
     """Return which hits gather at one place of the cycle, (n,): they have a cause there and are no interference."""
-    f = view.features
-    since = np.where(np.isfinite(f.since_reversal_s), f.since_reversal_s, 1e9)
     out = np.zeros(hit.size, np.bool_)
-    for values in (since, f.velocity_m_s, f.position_m):
+    for values in _places(view):
         edges = np.quantile(values, np.linspace(0.0, 1.0, 26)[1:-1])
         cell = np.searchsorted(edges, values)
         crowd = np.bincount(cell[hit], minlength=25)
         out |= (crowd > max(3.0, CROWD * float(hit.sum())))[cell]
     return out & hit
+
+
+def _at_one_place(view: DataView, hit: Bools) -> bool:
+    """Return whether all hits share a place of the cycle, by one of its variables."""
+    for values in _places(view):
+        between = np.searchsorted(np.sort(values), values[hit])
+        if np.ptp(between) < ONE_PLACE * values.size:
+            return True
+    return False
+
+
+def _places(view: DataView) -> tuple[Floats, ...]:
+    """Return what says where in the cycle each sample is, (n,) each."""
+    f = view.features
+    return np.where(np.isfinite(f.since_reversal_s), f.since_reversal_s, 1e9), f.velocity_m_s, f.position_m
