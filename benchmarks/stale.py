@@ -46,6 +46,7 @@ ROOMS: dict[str, list[str] | dict[str, list[str]]] = {
     },
     "benchmarks/node/table.md": NODE,
     "benchmarks/diagnosis/README.md": ["friction_estimator/diagnosis", "friction_estimator/effects"],
+    "benchmarks/diagnosis/measured.md": ["friction_estimator/diagnosis", "friction_estimator/effects"],
     "benchmarks/load/README.md": [
         f"{CORE}/model",
         f"{CORE}/fit",

@@ -12,6 +12,7 @@ stopped. Seeds 0 and 1 are for tuning, 2 was looked at. Set OPENBLAS_NUM_THREADS
 
 import argparse
 import json
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import pairwise
@@ -31,7 +32,10 @@ from friction_estimator.effects import EFFECTS, Effect
 from friction_estimator.effects.compose import resolved
 from friction_estimator.effects.trace import Trace
 
-HERE = Path(__file__).parent
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+import provenance
+
+HERE = Path(__file__).resolve().parent
 DATA = HERE.parents[2] / "shared" / "data"
 NOTHING = "nothing"
 WITHOUT_THEORY = Config.from_mapping({"model.type": "hammerstein", "theory.kind": "none"})
@@ -72,7 +76,9 @@ def main() -> None:
             file.flush()
             told_as = line.get("not_made") or [line["verdict"], [one["name"] for one in _findings(line)]]
             print(line["machine"], line["hidden"], told_as, flush=True)
-    given.page.write_text(page(_lines(path)), encoding="utf-8")
+    options = "".join(f" --{name} {value:g}" for name, value in (("seed", given.seed), ("size", given.size)))
+    command = f"python benchmarks/diagnosis/measured.py{options}{' --tables DIR' if given.tables else ''}"
+    given.page.write_text(page(_lines(path), given.size, command), encoding="utf-8")
 
 
 def _lines(path: Path) -> list[Line]:
@@ -262,8 +268,8 @@ def _findings(line: Line) -> list[Line]:
     return [*line["faults"], *line["effects"]]
 
 
-def page(lines: list[Line]) -> str:
-    """Return the tables."""
+def page(lines: list[Line], size: float, command: str) -> str:
+    """Return the page."""
     alone = {line["machine"]: line for line in lines if line["hidden"] == NOTHING}
     found = {(line["machine"], line["hidden"]): judged(line, alone[line["machine"]]) for line in lines}
     made = {key: one for key, one in found.items() if key[1] != NOTHING and one[0] != UNMADE}
@@ -279,7 +285,10 @@ def page(lines: list[Line]) -> str:
         for name in NAMES
     }
     rows = [
-        *("## What each machine says of itself", ""),
+        *("# Effects hidden in measured recordings", "", provenance.line(command)),
+        f"Changes of {100 * size:g} % of the friction's rms in recordings of real machines; [measured.py](measured.py)",
+        "says what is hidden, and how it is judged. A machine's own names are not: nobody knows its truth.",
+        *("", "## What each machine says of itself", ""),
         *("| machine | error, % | left, % | names |", "| --- | --- | --- | --- |", *own),
         *("", "## With an effect hidden", ""),
         f"Named in {asked.count(NAMED)} of {len(asked)}, in a set in {asked.count(SET)} more.",
