@@ -19,21 +19,22 @@ from itertools import pairwise
 from multiprocessing import get_context
 from pathlib import Path
 from time import process_time
-from typing import Any
 
 import numpy as np
 from judge import Line, told
 
+from friction_estimator.bag.table import TableSpec, read_table
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.effects import EFFECTS, Effect
-from friction_estimator.effects.compose import resolved
+from friction_estimator.effects.compose import compose
 from friction_estimator.effects.trace import Trace
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import provenance
+from tables import table
 
 HERE = Path(__file__).resolve().parent
 DATA = HERE.parents[2] / "shared" / "data"
@@ -71,7 +72,7 @@ def main() -> None:
         if (machine, hidden) not in done
     ]
     with get_context("spawn").Pool(given.workers) as pool, path.open("a", encoding="utf-8") as file:
-        for line in pool.imap(_answered, cases):
+        for line in pool.imap(answer, cases):
             file.write(json.dumps(line) + "\n")
             file.flush()
             told_as = line.get("not_made") or [line["verdict"], [one["name"] for one in _findings(line)]]
@@ -95,35 +96,23 @@ def _lines(path: Path) -> list[Line]:
 
 def machines(data: Path, tables: Path | None) -> Iterator[tuple[str, Samples]]:
     """Yield name and recording of each machine."""
-    emps = _table(data / "emps_nlgreyfast" / "data.csv")
-    yield "EMPS", _samples(emps["t_s"], emps["v_m_s"], emps["friction_filt_N"], emps["q_filt_m"])
-    seals = _table(data / "seal_zillen_pneumatic" / "data.csv")
-    for seal, bar in (("O-ring257", 5), ("X-ring257", 3)):
-        kept = (seals["seal"] == seal) & (seals["nominal_bar"] == bar)
-        one = seals[kept & np.isfinite(seals["v_m_s"]) & np.isfinite(seals["friction_N"])]
-        samples = _samples(one["t_s"], one["v_m_s"], one["friction_N"], one["x_m"])
-        samples.restart[1:] = np.diff(one["segment"]) != 0
-        yield f"{seal}, {bar} bar", replace(samples, pressure_Pa=one["pressure_Pa"] + ATMOSPHERE_PA)
+    emps = {"velocity": "v_m_s", "friction": "friction_filt_N", "position": "q_filt_m"}
+    yield "EMPS", read_table(data / "emps_nlgreyfast" / "data.csv", TableSpec("t_s", emps))[0]
+    inputs = {"velocity": "v_m_s", "friction": "friction_N", "pressure": "pressure_Pa", "position": "x_m"}
+    for seal, bar in (("O-ring257", "5"), ("X-ring257", "3")):
+        spec = TableSpec("t_s", inputs, [("seal", seal), ("nominal_bar", bar)], "segment")
+        samples, _ = read_table(data / "seal_zillen_pneumatic" / "data.csv", spec)
+        assert samples.pressure_Pa is not None
+        yield f"{seal}, {bar} bar", replace(samples, pressure_Pa=samples.pressure_Pa + ATMOSPHERE_PA)
     if tables is None:
         return
+    joint = {"velocity": "v_rad_s", "friction": "friction_Nm", "position": "q_rad"}
     for run in ("S", "zhixian"):
-        arm = _table(tables / f"fairino_{run}.csv")
-        yield f"FAIRINO {run}", _samples(arm["t_s"], arm["v_rad_s"], arm["friction_Nm"], arm["q_rad"])
-    motor = _table(tables / "damiao_3.csv")
-    motor = motor[motor["repetition"] == 1]
-    position = np.unwrap(motor["q_wrapped_rad"], period=DAMIAO_TURN) * DAMIAO_SCALE
-    yield "damiao 3", _samples(motor["t_s"], motor["v_rad_s"], motor["friction_Nm"], position)
-
-
-def _table(path: Path) -> Any:
-    return np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding="utf-8")
-
-
-def _samples(time_s: Floats, velocity: Floats, friction: Floats, position: Floats) -> Samples:
-    restart = np.zeros(time_s.size, np.bool_)
-    restart[0] = True
-    stamps = np.round(time_s * NS_PER_S).astype(np.int64)
-    return Samples(stamps, velocity.copy(), friction.copy(), restart, position_m=position.copy())
+        yield f"FAIRINO {run}", read_table(tables / f"fairino_{run}.csv", TableSpec("t_s", joint))[0]
+    wrapped = TableSpec("t_s", joint | {"position": "q_wrapped_rad"}, [("repetition", "1")])
+    motor, _ = read_table(tables / "damiao_3.csv", wrapped)
+    assert motor.position_m is not None
+    yield "damiao 3", replace(motor, position_m=np.unwrap(motor.position_m, period=DAMIAO_TURN) * DAMIAO_SCALE)
 
 
 def trace(samples: Samples) -> Trace:
@@ -213,21 +202,19 @@ def drawn(name: str, machine: str, samples: Samples, size: float, seed: int) -> 
     return EFFECTS[name](size=size, **values)
 
 
-def _answered(case: tuple[str, Samples, str, float, int]) -> Line:
-    return answer(*case)
+def answer(case: tuple[str, Samples, str, float, int]) -> Line:
+    """Return what the diagnosis says of a recording with an effect hidden in it, as plain data.
 
-
-def answer(machine: str, samples: Samples, hidden: str, size: float, seed: int) -> Line:
-    """Return what the diagnosis says of a recording with an effect hidden in it, as plain data."""
+    A case is the machine, its recording, what is hidden, its size and the seed.
+    """
+    machine, samples, hidden, size, seed = case
     line: Line = {"machine": machine, "hidden": hidden}
     if hidden != NOTHING:
-        clean = trace(samples)
+        effect = drawn(hidden, machine, samples, size, seed)
         try:
-            effect = resolved(drawn(hidden, machine, samples, size, seed), clean, 1, seed)
+            run, (effect,) = compose(trace(samples), [effect], noise=0.0, every=1, seed=seed)
         except ConfigError as error:
             return line | {"not_made": str(error)}
-        run = effect.apply(clean, np.random.default_rng(seed))
-        run = run.lubricated() if effect.stage == "lubrication" else run
         line["values"] = effect.values
         samples = replace(
             samples,
@@ -276,27 +263,29 @@ def page(lines: list[Line], size: float, command: str) -> str:
     asked = [told_as for told_as, _ in made.values() if told_as != BEFORE]
     further = [names for _, names in made.values() if names]
     own = [
-        f"| {machine} | {100 * line['base']:.3g} | {line['unexplained']:.3g} "
-        f"| {', '.join(one['name'] for one in _findings(line))} |"
+        [
+            machine,
+            f"{100 * line['base']:.3g}",
+            f"{line['unexplained']:.3g}",
+            ", ".join(e["name"] for e in _findings(line)),
+        ]
         for machine, line in alone.items()
     ]
-    cells = {
-        name: [" + ".join([told_as, *names]) for told_as, names in (found.get((m, name), (UNMADE, [])) for m in alone)]
-        for name in NAMES
-    }
-    rows = [
-        *("# Effects hidden in measured recordings", "", provenance.line(command)),
-        f"Changes of {100 * size:g} % of the friction's rms in recordings of real machines; [measured.py](measured.py)",
-        "says what is hidden, and how it is judged. A machine's own names are not: nobody knows its truth.",
-        *("", "## What each machine says of itself", ""),
-        *("| machine | error, % | left, % | names |", "| --- | --- | --- | --- |", *own),
-        *("", "## With an effect hidden", ""),
-        f"Named in {asked.count(NAMED)} of {len(asked)}, in a set in {asked.count(SET)} more.",
+    cells = [[found.get((machine, name), (UNMADE, [])) for machine in alone] for name in NAMES]
+    told_as = [[name, *(" + ".join([one, *more]) for one, more in row)] for name, row in zip(NAMES, cells, strict=True)]
+    parts = [
+        "# Effects hidden in measured recordings",
+        provenance.line(command).strip(),
+        f"Changes of {100 * size:g} % of the friction's rms in recordings of real machines; what is hidden, and\n"
+        "how it is judged, says [measured.py](measured.py). A machine's own names are not: nobody knows its truth.",
+        "## What each machine says of itself",
+        table(["machine", "error, %", "left, %", "names"], own),
+        "## With an effect hidden",
+        f"Named in {asked.count(NAMED)} of {len(asked)}, in a set in {asked.count(SET)} more.\n"
         f"In {len(further)} of {len(made)} a further name, which the machine alone neither has nor lists as a rival.",
-        *("", f"| hidden | {' | '.join(alone)} |", "| --- |" + " --- |" * len(alone)),
-        *(f"| {name} | {' | '.join(cells[name])} |" for name in NAMES),
+        table(["hidden", *alone], told_as),
     ]
-    return "\n".join(rows) + "\n"
+    return "\n\n".join(parts) + "\n"
 
 
 if __name__ == "__main__":

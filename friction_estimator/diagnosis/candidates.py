@@ -25,7 +25,7 @@ from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.lack_of_fit import WITHIN, LackOfFit, Wider
 from friction_estimator.diagnosis.own_columns import Term, time_of
-from friction_estimator.effects.base import REVERSAL, SLOW, Effect
+from friction_estimator.effects.base import REVERSAL, Effect
 from friction_estimator.effects.features import Context
 
 EARLY = 2.5
@@ -248,14 +248,14 @@ class Candidates:
         """Return whether an effect gains in most of the record, and beyond the samples right after reversals.
 
         A sharp model error there depends on the phase of the sampling; a name that lives on it alone names that. What
-        is a function of time need not gain in most of the record (`gains_beyond_chance`).
+        is a function of time need not gain in most of the record (`held_out.chance_alone`).
         """
         record = self.problem.record
         counted = np.ones(record.used.size, np.bool_)
         if one.effect.acts != REVERSAL:
             counted = record.features.since_reversal_s >= EARLY * self.context.step_s
         before, after = model.joint.residual_N, one.model.joint.residual_N
-        return gains_beyond_chance(before, after, record, counted, slow=one.effect.acts == SLOW)
+        return gains_beyond_chance(before, after, record, counted, one.effect)
 
     def beyond_memory(self, model: Model, one: Candidate, gain_N2: float) -> bool:
         """Return whether an effect of this gain is more than unlike memories of the base, which are lack of fit.

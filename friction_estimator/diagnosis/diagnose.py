@@ -32,7 +32,7 @@ from friction_estimator.diagnosis.search import Searcher
 from friction_estimator.diagnosis.theory import with_theory
 from friction_estimator.diagnosis.trials import Trials
 from friction_estimator.diagnosis.words import next_experiment
-from friction_estimator.effects.base import EFFECTS, SLOW, Effect
+from friction_estimator.effects.base import EFFECTS, Effect
 from friction_estimator.effects.detection import COMPLETELY, Fault
 from friction_estimator.effects.features import Context
 
@@ -180,7 +180,7 @@ def _named(
     def one(i: int, cause: Cause) -> Found:
         term = found.models[-1].terms[i]
         rivals = tuple(name for name in cause.rivals if name not in named)
-        gain = gain_between(errors[i], errors[i + 1], record, spread, slow=term.effect.acts == SLOW)
+        gain = gain_between(errors[i], errors[i + 1], record, spread, term.effect)
         return Found(
             name=cause.name,
             p_value=cause.p_value,

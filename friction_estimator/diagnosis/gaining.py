@@ -8,7 +8,6 @@ from friction_estimator.diagnosis.held_out import gain_between, held_out_errors
 from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import Record
-from friction_estimator.effects.base import SLOW
 from friction_estimator.effects.features import Context
 
 
@@ -20,8 +19,7 @@ def gaining(found: Search, record: Record, context: Context, spread: float) -> t
     """
 
     def doubted(before: Floats, after: Floats, term: Term) -> bool:
-        gain = gain_between(before, after, record, spread, slow=term.effect.acts == SLOW)
-        return gain.low_percent <= 0.0
+        return gain_between(before, after, record, spread, term.effect).low_percent <= 0.0
 
     errors = [held_out_errors(found.problem, context, m) for m in found.models]
     beside: set[str] = set()

@@ -10,6 +10,7 @@ from friction_estimator.diagnosis.base_problem import BaseProblem
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.record import Record
+from friction_estimator.effects.base import SLOW, Effect
 from friction_estimator.effects.features import Context
 
 FOLDS = 4
@@ -58,41 +59,50 @@ def rms(error: Floats, record: Record) -> float:
     return float(np.sqrt(np.mean(np.square(error[record.used]))))
 
 
-def gain_between(before: Floats, after: Floats, record: Record, spread: float, slow: bool = False) -> Gain:
-    """Return the gain with its 95 % interval over blocks; `slow` as `by_chance` has it."""
-    change = before - after
+def gain_between(
+    before: Floats, after: Floats, record: Record, spread: float, effect: type[Effect] | None = None
+) -> Gain:
+    """Return the gain by an effect, or by several, with its 95 % interval over blocks."""
     one, other = (block_sums(np.square(error), record) for error in (before, after))
     count = float(record.used.sum())
     nrmse_before = float(np.sqrt(one.sum() / count)) / spread
     nrmse_after = float(np.sqrt(other.sum() / count)) / spread
     ratio = nrmse_after / max(nrmse_before, 1e-300)
-    # d(sqrt(sum other / sum one)), block by block
-    influence = ratio / 2.0 * (other / max(other.sum(), 1e-300) - one / max(one.sum(), 1e-300))
-    if slow and alike_elsewhere(change, record):
-        influence = ratio / 2.0 * block_sums(2.0 * change * after, record) / max(one.sum(), 1e-300)
+    chance = chance_alone(effect, before - after, after, record)
+    if chance is None:
+        # d(sqrt(sum other / sum one)), block by block
+        influence = ratio / 2.0 * (other / max(other.sum(), 1e-300) - one / max(one.sum(), 1e-300))
+    else:
+        influence = ratio / 2.0 * chance / max(one.sum(), 1e-300)
     error = float(np.sqrt(np.square(influence - influence.mean()).sum() * one.size / max(one.size - 1, 1)))
     reach = 100.0 * float(stdtrit(max(one.size - 1, 1), 0.975)) * error
     reduction = 100.0 * (1.0 - ratio)
     return Gain(nrmse_before, nrmse_after, reduction, reduction - reach, reduction + reach)
 
 
-def gains_beyond_chance(before: Floats, after: Floats, record: Record, counted: Bools, slow: bool) -> bool:
-    """Return whether the squared error falls by more than its error from block to block, of the samples counted.
+def gains_beyond_chance(before: Floats, after: Floats, record: Record, counted: Bools, effect: type[Effect]) -> bool:
+    """Return whether the squared error falls by more than its error from block to block, of the samples counted."""
+    change = np.where(counted, before - after, 0.0)
+    gains = block_sums(change * (before + after), record)
+    chance = chance_alone(effect, change, after, record)
+    error = float(np.std(gains if chance is None else chance, ddof=1)) * np.sqrt(gains.size)
+    return bool(gains.sum() > stdtrit(gains.size - 1, 0.975) * error)
+
+
+def chance_alone(effect: type[Effect] | None, change: Floats, after: Floats, record: Record) -> Floats | None:
+    """Return what is chance in the gain of an effect that acts in one part of the record, (blocks,), else None.
 
     Formula::
 
         sum before^2 - sum after^2 = sum d^2 + sum 2 d after,    d = before - after
 
-    A cause that is a function of time (`slow`) acts in one part of the record by its nature: of d^2 nothing is chance,
-    if the drive is there what it is elsewhere, too. Else what the model gets wrong of that drive looks the same, and
-    the whole gain must be alike from block to block, as that of any other cause.
+    A function of time acts in one part by its nature: of d^2 nothing is chance, if the drive is there what it is
+    elsewhere, too. Else what the model gets wrong of that drive looks the same, and the whole gain must be alike from
+    block to block, as that of any other cause.
     """
-    change = np.where(counted, before - after, 0.0)
-    varies = gains = block_sums(change * (before + after), record)
-    if slow and alike_elsewhere(change, record):
-        varies = block_sums(2.0 * change * after, record)
-    error = float(np.std(varies, ddof=1)) * np.sqrt(gains.size)
-    return bool(gains.sum() > stdtrit(gains.size - 1, 0.975) * error)
+    if effect is None or effect.acts != SLOW or not alike_elsewhere(change, record):
+        return None
+    return block_sums(2.0 * change * after, record)
 
 
 def alike_elsewhere(change: Floats, record: Record) -> bool:

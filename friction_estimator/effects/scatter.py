@@ -91,12 +91,17 @@ def moving(view: DataView) -> Bools:
     return np.asarray(fast)
 
 
+def since_reversal_s(features: Features) -> Floats:
+    """Return the time since the last reversal, (n,), s, finite: before the first one it is long ago."""
+    return np.where(np.isfinite(features.since_reversal_s), features.since_reversal_s, 1e9)
+
+
 def local_scale(features: Features, used: Bools, residual: Floats) -> Floats:
     """Return the robust local standard deviation of a residual, (n,): by time since the reversal, speed and time.
 
     Cells of the time overlap by half: where noise rises within one, it is there in most of the next.
     """
-    since = np.where(np.isfinite(features.since_reversal_s), features.since_reversal_s, 1e9)
+    since = since_reversal_s(features)
     whole = np.linspace(0.0, 1.0, CELLS + 1)[1:-1]
     between = (np.arange(CELLS) + 0.5) / CELLS
     speed, time_s = np.abs(features.velocity_m_s), features.time_s

@@ -7,7 +7,7 @@ from friction_estimator.core.quantities import FORCE, quantity
 from friction_estimator.core.sample import Bools, Floats, Ints
 from friction_estimator.effects.base import Effect, Key, Words, effect, form_key
 from friction_estimator.effects.detection import MASKED, DataView, Fault
-from friction_estimator.effects.scatter import MAD, local_scale, moving_share
+from friction_estimator.effects.scatter import MAD, local_scale, moving_share, since_reversal_s
 from friction_estimator.effects.trace import Trace
 
 LEAST_SHARE = 0.002
@@ -28,8 +28,8 @@ SPIKE = 4.8
 SPIKE_CHANCE = 1.7e-6
 FEWEST_SPIKES = 4
 FAR, FAR_CHANCE = 9.6, 8e-22
-"""From here two or three are enough, if they are the only ones: tails heavier than a Gaussian's would show more of the
-smaller ones."""
+"""Robust deviations from which two or three are enough, if they are the only ones: tails heavier than a Gaussian's
+would show more of the smaller ones; and the chance of one in white Gaussian noise."""
 
 CROWD = 0.3
 """Share of the hits that fall into one of 25 equally likely places of the cycle by a cause, not by chance."""
@@ -258,4 +258,4 @@ def _at_one_place(view: DataView, hit: Bools) -> bool:
 def _places(view: DataView) -> tuple[Floats, ...]:
     """Return what says where in the cycle each sample is, (n,) each."""
     f = view.features
-    return np.where(np.isfinite(f.since_reversal_s), f.since_reversal_s, 1e9), f.velocity_m_s, f.position_m
+    return since_reversal_s(f), f.velocity_m_s, f.position_m
