@@ -68,13 +68,11 @@ def gain_between(
     nrmse_before = float(np.sqrt(one.sum() / count)) / spread
     nrmse_after = float(np.sqrt(other.sum() / count)) / spread
     ratio = nrmse_after / max(nrmse_before, 1e-300)
+    # d(sqrt(sum other / sum one)), block by block
+    error = _error_of_sum(ratio / 2.0 * (other / max(other.sum(), 1e-300) - one / max(one.sum(), 1e-300)))
     chance = chance_alone(effect, before - after, after, record)
-    if chance is None:
-        # d(sqrt(sum other / sum one)), block by block
-        influence = ratio / 2.0 * (other / max(other.sum(), 1e-300) - one / max(one.sum(), 1e-300))
-    else:
-        influence = ratio / 2.0 * chance / max(one.sum(), 1e-300)
-    error = float(np.sqrt(np.square(influence - influence.mean()).sum() * one.size / max(one.size - 1, 1)))
+    if chance is not None:
+        error = min(error, _error_of_sum(ratio / 2.0 * chance / max(one.sum(), 1e-300)))
     reach = 100.0 * float(stdtrit(max(one.size - 1, 1), 0.975)) * error
     reduction = 100.0 * (1.0 - ratio)
     return Gain(nrmse_before, nrmse_after, reduction, reduction - reach, reduction + reach)
@@ -84,8 +82,10 @@ def gains_beyond_chance(before: Floats, after: Floats, record: Record, counted: 
     """Return whether the squared error falls by more than its error from block to block, of the samples counted."""
     change = np.where(counted, before - after, 0.0)
     gains = block_sums(change * (before + after), record)
+    error = _error_of_sum(gains)
     chance = chance_alone(effect, change, after, record)
-    error = float(np.std(gains if chance is None else chance, ddof=1)) * np.sqrt(gains.size)
+    if chance is not None:
+        error = min(error, _error_of_sum(chance))
     return bool(gains.sum() > stdtrit(gains.size - 1, 0.975) * error)
 
 
@@ -98,11 +98,16 @@ def chance_alone(effect: type[Effect] | None, change: Floats, after: Floats, rec
 
     A function of time acts in one part by its nature: of d^2 nothing is chance, if the drive is there what it is
     elsewhere, too. Else what the model gets wrong of that drive looks the same, and the whole gain must be alike from
-    block to block, as that of any other cause.
+    block to block, as that of any other cause. Where that is the lesser error it counts for both.
     """
     if effect is None or effect.acts != SLOW or not alike_elsewhere(change, record):
         return None
     return block_sums(2.0 * change * after, record)
+
+
+def _error_of_sum(parts: Floats) -> float:
+    """Return the standard error of a sum over blocks."""
+    return float(np.sqrt(np.square(parts - parts.mean()).sum() * parts.size / max(parts.size - 1, 1)))
 
 
 def alike_elsewhere(change: Floats, record: Record) -> bool:
