@@ -94,6 +94,7 @@ def diagnose(
     lattice_N = max((f.lattice_N for f in found_faults), default=0.0)
     floor = min(noise_floor(record, final.residual_N, lattice_N), base_error)
     left_N2 = float(record.used.sum()) * max(0.0, last_error**2 - floor**2)
+    causes = [term.effect for term in final.terms]
     effects = _named(record, context, found, errors, spread, left_N2, seed, trials, catalogue)
     progress("noise floor and remainder", 0.85)
     view = left_by(record, context, final, found_faults)
@@ -118,7 +119,7 @@ def diagnose(
         noise_floor=floor / spread,
         faults=tuple(found_faults),
         effects=tuple(effects),
-        total_gain=gain_between(errors[0], errors[-1], record, spread) if effects else None,
+        total_gain=gain_between(errors[0], errors[-1], record, spread, causes) if effects else None,
         traces=_traces(found),
         needs_channel=_asked(found, effects, remainder, context, catalogue),
         unexplained_percent=100.0 * left / max(last_error, 1e-300),
@@ -180,7 +181,7 @@ def _named(
     def one(i: int, cause: Cause) -> Found:
         term = found.models[-1].terms[i]
         rivals = tuple(name for name in cause.rivals if name not in named)
-        gain = gain_between(errors[i], errors[i + 1], record, spread, term.effect)
+        gain = gain_between(errors[i], errors[i + 1], record, spread, [term.effect])
         return Found(
             name=cause.name,
             p_value=cause.p_value,

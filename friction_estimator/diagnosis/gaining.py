@@ -19,7 +19,7 @@ def gaining(found: Search, record: Record, context: Context, spread: float) -> t
     """
 
     def doubted(before: Floats, after: Floats, term: Term) -> bool:
-        return gain_between(before, after, record, spread, term.effect).low_percent <= 0.0
+        return gain_between(before, after, record, spread, [term.effect]).low_percent <= 0.0
 
     errors = [held_out_errors(found.problem, context, m) for m in found.models]
     beside: set[str] = set()

@@ -1,5 +1,6 @@
 """What an effect is worth on samples that its fit never saw."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,10 +60,8 @@ def rms(error: Floats, record: Record) -> float:
     return float(np.sqrt(np.mean(np.square(error[record.used]))))
 
 
-def gain_between(
-    before: Floats, after: Floats, record: Record, spread: float, effect: type[Effect] | None = None
-) -> Gain:
-    """Return the gain by an effect, or by several, with its 95 % interval over blocks."""
+def gain_between(before: Floats, after: Floats, record: Record, spread: float, effects: Sequence[type[Effect]]) -> Gain:
+    """Return the gain by an effect, or by several together, with its 95 % interval over blocks."""
     one, other = (block_sums(np.square(error), record) for error in (before, after))
     count = float(record.used.sum())
     nrmse_before = float(np.sqrt(one.sum() / count)) / spread
@@ -70,7 +69,7 @@ def gain_between(
     ratio = nrmse_after / max(nrmse_before, 1e-300)
     # d(sqrt(sum other / sum one)), block by block
     error = _error_of_sum(ratio / 2.0 * (other / max(other.sum(), 1e-300) - one / max(one.sum(), 1e-300)))
-    chance = chance_alone(effect, before - after, after, record)
+    chance = chance_alone(effects, before - after, after, record)
     if chance is not None:
         error = min(error, _error_of_sum(ratio / 2.0 * chance / max(one.sum(), 1e-300)))
     reach = 100.0 * float(stdtrit(max(one.size - 1, 1), 0.975)) * error
@@ -83,14 +82,14 @@ def gains_beyond_chance(before: Floats, after: Floats, record: Record, counted: 
     change = np.where(counted, before - after, 0.0)
     gains = block_sums(change * (before + after), record)
     error = _error_of_sum(gains)
-    chance = chance_alone(effect, change, after, record)
+    chance = chance_alone([effect], change, after, record)
     if chance is not None:
         error = min(error, _error_of_sum(chance))
     return bool(gains.sum() > stdtrit(gains.size - 1, 0.975) * error)
 
 
-def chance_alone(effect: type[Effect] | None, change: Floats, after: Floats, record: Record) -> Floats | None:
-    """Return what is chance in the gain of an effect that acts in one part of the record, (blocks,), else None.
+def chance_alone(effects: Sequence[type[Effect]], change: Floats, after: Floats, record: Record) -> Floats | None:
+    """Return what is chance in the gain of effects that all act in one part of the record, (blocks,), else None.
 
     Formula::
 
@@ -100,7 +99,7 @@ def chance_alone(effect: type[Effect] | None, change: Floats, after: Floats, rec
     elsewhere, too. Else what the model gets wrong of that drive looks the same, and the whole gain must be alike from
     block to block, as that of any other cause. Where that is the lesser error it counts for both.
     """
-    if effect is None or effect.acts != SLOW or not alike_elsewhere(change, record):
+    if any(effect.acts != SLOW for effect in effects) or not alike_elsewhere(change, record):
         return None
     return block_sums(2.0 * change * after, record)
 
