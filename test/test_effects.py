@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.sample import Samples
 from friction_estimator.effects import EFFECTS, STAGES, Trace, compose, list_effects, parse_effect
+from friction_estimator.effects.axis import VelocityAxis
 from friction_estimator.effects.base import Effect
 from friction_estimator.effects.catalogue import equation
 from friction_estimator.effects.columns import RunningForce
@@ -118,7 +119,7 @@ def reference() -> Reference:
         return 3.0 * np.exp(-np.abs(v) / 0.03) * np.tanh(v / 2e-3) * (1.0 + 5e-7 * p)
 
     pressures = np.array([3.4e5, 1.4e6])
-    return Reference.tabulate(force, viscous, boundary, force, 0.13, pressures, 2e-3)
+    return Reference.tabulate(force, viscous, boundary, force, VelocityAxis(0.13), pressures, 2e-3)
 
 
 @pytest.fixture(scope="module")

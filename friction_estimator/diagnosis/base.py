@@ -17,6 +17,7 @@ from friction_estimator.diagnosis.base_problem import (
 )
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.tangent import Tangent
+from friction_estimator.effects.axis import VelocityAxis
 from friction_estimator.effects.extension import theory_parts
 from friction_estimator.effects.reference import Reference
 
@@ -125,7 +126,7 @@ def fit_base(record: Record, config: Config, capacity: Capacity | None = None) -
 def reference_of(fit: BaseFit, record: Record, sign_velocity_m_s: float) -> Reference:
     """Return the tables from which dynamic regressors are made."""
     gain = fit.theory_gain * (1.0 + float(fit.taps.sum()))
-    return _tabulated(fit.static_force, fit.theory, gain, record, fit.curve.top, sign_velocity_m_s, fit.taps)
+    return _tabulated(fit.static_force, fit.theory, gain, record, fit.problem.axis, sign_velocity_m_s, fit.taps)
 
 
 def theory_reference(problem: BaseProblem, sign_velocity_m_s: float) -> Reference:
@@ -137,7 +138,7 @@ def theory_reference(problem: BaseProblem, sign_velocity_m_s: float) -> Referenc
     def force(velocity_m_s: Floats, pressure_Pa: Floats, temperature_degC: float) -> Floats:
         return theory.evaluate(velocity_m_s, pressure_Pa, np.full(velocity_m_s.size, temperature_degC))
 
-    return _tabulated(force, theory, 1.0, problem.record, problem.curve.top, sign_velocity_m_s)
+    return _tabulated(force, theory, 1.0, problem.record, problem.axis, sign_velocity_m_s)
 
 
 def _tabulated(
@@ -145,7 +146,7 @@ def _tabulated(
     theory: TheoryCurve | None,
     gain: float,
     record: Record,
-    top_m_s: float,
+    axis: VelocityAxis,
     sign_velocity_m_s: float,
     taps: Floats | None = None,
 ) -> Reference:
@@ -153,4 +154,4 @@ def _tabulated(
     warm = float(record.features.temperature_degC.mean())
     nodes = pressure_nodes(record.features.pressure_Pa)
     parts = theory_parts(theory, gain, warm)
-    return Reference.tabulate(lambda v, p: force(v, p, warm), *parts, top_m_s, nodes, sign_velocity_m_s, taps)
+    return Reference.tabulate(lambda v, p: force(v, p, warm), *parts, axis, nodes, sign_velocity_m_s, taps)

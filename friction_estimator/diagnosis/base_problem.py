@@ -28,6 +28,7 @@ from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.lagged import Extra, LaggedProducts, total
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.tangent import pieces
+from friction_estimator.effects.axis import VelocityAxis
 from friction_estimator.effects.whole import StaticTables
 
 SPLINES = 12
@@ -146,6 +147,7 @@ class BaseProblem:
         self.record, self.config, self.capacity = record, config, capacity
         self.theory = theory_from_config(config)
         self.curve = OddCurve(float(np.abs(f.velocity_m_s).max()), capacity.splines)
+        self.axis = VelocityAxis(self.curve.top)
         static = self.columns(f.velocity_m_s, f.pressure_Pa, f.temperature_degC)
         used = record.used
         self.products = LaggedProducts(static, capacity.order, record.friction_N, used, record.restart, record.block)
@@ -176,7 +178,7 @@ class BaseProblem:
         f = self.record.features
         warm = float(f.temperature_degC.mean())
         nodes = pressure_nodes(f.pressure_Pa)
-        return StaticTables.of(lambda v, p: self.columns(v, p, np.full(v.size, warm)), self.curve.top, nodes)
+        return StaticTables.of(lambda v, p: self.columns(v, p, np.full(v.size, warm)), self.axis, nodes)
 
     def mean_delay(self, found: Coefficients) -> float:
         """Return the mean delay of the memory behind the static force, in samples: its phase at low frequency."""

@@ -22,6 +22,7 @@ from friction_estimator.core.online.first_contact import meet
 from friction_estimator.core.sample import Bools, Floats, Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import NO_VELOCITY
+from friction_estimator.effects.axis import VelocityAxis
 from friction_estimator.effects.base import EFFECTS, SLOW, Effect
 from friction_estimator.effects.columns import Columns, RunningForce
 from friction_estimator.effects.features import FeatureMaker, Features
@@ -124,7 +125,7 @@ def _missing(columns: Columns) -> str:
     """Return the first parameter that the columns ask for and the term lacks, or nothing."""
     empty = Samples(np.zeros(1, np.int64), np.zeros(1), np.zeros(1), np.ones(1, np.bool_))
     features = FeatureMaker(0.0, 0.0, 20.0)(empty)
-    flat = Reference(np.zeros((4, 1, 3)), np.zeros(1), 1.0, 1.0, 1.0)
+    flat = Reference(np.zeros((4, 1, 3)), np.zeros(1), VelocityAxis(1.0), 1.0)
     try:
         columns(features, flat)
     except KeyError as missing:
@@ -277,7 +278,7 @@ def reference_from_config(config: Config) -> Reference:
         pressures = np.unique(np.append(pressures, np.linspace(0.0, 2e6, PRESSURE_NODES)))
     lead = float(taps[0]) if abs(taps[0]) > 0.1 * float(np.abs(taps).sum()) else 0.0
     shape = taps[1:] / lead if lead else np.zeros(0)
-    return Reference.tabulate(force, viscous, boundary, alone, top, pressures, smooth, shape)
+    return Reference.tabulate(force, viscous, boundary, alone, VelocityAxis(top), pressures, smooth, shape)
 
 
 def theory_parts(

@@ -8,6 +8,7 @@ import numpy as np
 
 from friction_estimator.core.quantities import VELOCITY, quantity
 from friction_estimator.core.sample import Floats
+from friction_estimator.effects.axis import REACH
 from friction_estimator.effects.base import REVERSAL, Effect, Key, Params, Words, chosen, effect, form_key
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
@@ -167,7 +168,7 @@ class FrictionalLag(Effect):
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:
             film, out = film_of(f, r, params, s), np.empty(f.size)
-            tables = r.tables[FORCE], r.tables[BOUNDARY], r.tables[SHEAR], r.pressures_Pa, r.bend_m_s, r.reach
+            tables = r.tables[FORCE], r.tables[BOUNDARY], r.tables[SHEAR], r.pressures_Pa, r.bend_m_s, REACH
             on_film(f.velocity_m_s, film, f.pressure_Pa, r.sign_velocity_m_s, rest, *tables, out)
             return out
 
@@ -189,7 +190,7 @@ class FrictionalLag(Effect):
         """Return the level of friction on the film over that at the velocity, (n,)."""
         film, out = film_of(features, reference, params, np.zeros(DELAY_LINE)), np.empty(features.size)
         r, moving = reference, reference.moving(features.velocity_m_s)
-        tables = r.tables[FORCE], r.tables[BOUNDARY], r.tables[SHEAR], r.pressures_Pa, r.bend_m_s, r.reach
+        tables = r.tables[FORCE], r.tables[BOUNDARY], r.tables[SHEAR], r.pressures_Pa, r.bend_m_s, REACH
         on_film(moving, film, features.pressure_Pa, r.sign_velocity_m_s, params.get("rest", 0.0), *tables, out)
         stands = r.force(moving, features.pressure_Pa)
         return 1.0 + np.divide(out, stands, out=np.zeros(out.size), where=stands != 0.0)

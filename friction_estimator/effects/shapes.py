@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from friction_estimator.core.sample import Floats
+from friction_estimator.effects.axis import BEND, REACH
 from friction_estimator.effects.features import Features
-from friction_estimator.effects.reference import BEND, Reference
+from friction_estimator.effects.reference import Reference
 
 HATS = 6
 """Nodes from standstill to the top speed, closest at low speed."""
@@ -28,7 +29,7 @@ LOW_SPEED = 0.03
 
 def hats(velocity_m_s: Floats, reference: Reference) -> Floats:
     """Return the hat functions of the speed, (n, HATS)."""
-    place = np.arcsinh(np.abs(velocity_m_s) / reference.bend_m_s) / reference.reach
+    place = np.arcsinh(np.abs(velocity_m_s) / reference.bend_m_s) / REACH
     return weights_at(place)
 
 
@@ -44,7 +45,7 @@ def weights_at(place: Floats) -> Floats:
 
 def place_of(share: float) -> Floats:
     """Return the place of a share of the top speed, (1,)."""
-    return np.array([np.arcsinh(share * BEND) / np.arcsinh(BEND)])
+    return np.array([np.arcsinh(share * BEND) / REACH])
 
 
 def sliding(features: Features, reference: Reference) -> Features:

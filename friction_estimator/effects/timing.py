@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from friction_estimator.core.sample import Floats
+from friction_estimator.effects.axis import REACH
 from friction_estimator.effects.base import REVERSAL, Effect, Key, Params, Words, chosen, effect, form_key
 from friction_estimator.effects.channels import seen_at
 from friction_estimator.effects.columns import Columns
@@ -86,7 +87,7 @@ class TimeDelay(Timing):
                 r.tables[FORCE],
                 r.pressures_Pa,
                 r.bend_m_s,
-                r.reach,
+                REACH,
                 s,
                 out,
             )
@@ -155,7 +156,7 @@ class SensorLowpass(Timing):
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:
             out = np.empty(f.size)
-            table = (r.tables[FORCE], r.pressures_Pa, r.bend_m_s, r.reach)
+            table = (r.tables[FORCE], r.pressures_Pa, r.bend_m_s, REACH)
             force_lag(f.step_s, f.previous_m_s, f.velocity_m_s, f.pressure_Pa, tau, two, *table, s, out)
             return out
 

@@ -12,13 +12,12 @@ import numpy as np
 
 from friction_estimator.compiled import njit
 from friction_estimator.core.sample import Floats
+from friction_estimator.effects.axis import REACH, VelocityAxis
 from friction_estimator.effects.features import Features
 from friction_estimator.effects.kernels import substeps
-from friction_estimator.effects.reference import place
+from friction_estimator.effects.reference import cell, place
 
 VELOCITIES = 1601
-BEND = 200.0
-"""Table velocities are asinh-spaced: v_max / BEND is where the spacing begins to grow."""
 
 
 @dataclass(frozen=True)
@@ -28,22 +27,21 @@ class StaticTables:
     Attributes
     ----------
     values : (pressures, VELOCITIES, m), N per unit coefficient. pressures_Pa : (pressures,), increasing.
-    bend_m_s, reach : of the asinh spacing.
+    axis : the velocities.
     """
 
     values: Floats
     pressures_Pa: Floats
-    bend_m_s: float
-    reach: float
+    axis: VelocityAxis
 
     @classmethod
-    def of(cls, columns: Callable[[Floats, Floats], Floats], top_m_s: float, pressures_Pa: Floats) -> "StaticTables":
-        """Tabulate `columns(velocity, pressure)` -> (n, m) up to a speed of `top_m_s`."""
-        bend = top_m_s / BEND
-        reach = float(np.arcsinh(BEND))
-        velocity = bend * np.sinh(np.linspace(-1.0, 1.0, VELOCITIES) * reach)
+    def of(
+        cls, columns: Callable[[Floats, Floats], Floats], axis: VelocityAxis, pressures_Pa: Floats
+    ) -> "StaticTables":
+        """Tabulate `columns(velocity, pressure)` -> (n, m) over `VELOCITIES` of the axis."""
+        velocity = axis.velocities(VELOCITIES)
         values = np.array([columns(velocity, np.full(velocity.size, p)) for p in pressures_Pa])
-        return cls(values, np.asarray(pressures_Pa, np.float64), bend, reach)
+        return cls(values, np.asarray(pressures_Pa, np.float64), axis)
 
     def delayed(self, features: Features, delay_s: float) -> Floats:
         """Return the columns at velocity and pressure of `delay_s` earlier, (n, m).
@@ -56,7 +54,7 @@ class StaticTables:
     def at(self, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
         """Return the columns at the given points, (n, m)."""
         out = np.empty((velocity_m_s.size, self.values.shape[2]))
-        _columns(velocity_m_s, pressure_Pa, self.values, self.pressures_Pa, self.bend_m_s, self.reach, out)
+        _columns(self.axis.shares(velocity_m_s), pressure_Pa, self.values, self.pressures_Pa, out)
         return out
 
     def lagged(self, features: Features, time_constant_s: float, twice: bool = False) -> Floats:
@@ -65,7 +63,7 @@ class StaticTables:
         Each piece starts in equilibrium.
         """
         out = np.empty((features.size, self.values.shape[2]))
-        args = (self.values, self.pressures_Pa, self.bend_m_s, self.reach)
+        args = (self.values, self.pressures_Pa, self.axis.bend_m_s, REACH)
         f = features
         _lagged(f.step_s, f.previous_m_s, f.velocity_m_s, f.pressure_Pa, time_constant_s, twice, *args, out)
         return out
@@ -211,10 +209,10 @@ def _row(values, i, part, j, q, out):  # type: ignore[no-untyped-def] # pragma: 
 
 
 @njit(cache=True)
-def _columns(velocity, pressure, values, pressures, bend, reach, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def _columns(share, pressure, values, pressures, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     steps = values.shape[1] - 1
-    for k in range(velocity.size):
-        i, part, j, q = place(pressures, bend, reach, steps, velocity[k], pressure[k])
+    for k in range(share.size):
+        i, part, j, q = cell(share[k], steps, pressures, pressure[k])
         _row(values, i, part, j, q, out[k])
 
 
