@@ -10,8 +10,9 @@ from collections.abc import Sequence
 from importlib.machinery import ModuleSpec, PathFinder
 from importlib.util import LazyLoader
 
-LAZY = "numpy.f2py"
-"""numpy's wrapper of Fortran, which nobody calls here. scipy takes all of numpy's names, and it is one of them."""
+LAZY = ("numpy.f2py", "numpy.testing", "scipy.linalg._decomp_interpolative", "scipy.spatial.transform")
+"""Modules that nobody uses here and others import: scipy takes all of numpy's names, and its solvers of linear programs
+have Fourier transforms and rotations loaded, a seventh of the start of a diagnosis."""
 
 START_OBJECTS = 10_000
 """Objects made between two searches for unreachable cycles, Python's own being 700: a start makes some 100,000, nearly
@@ -19,12 +20,12 @@ all of which stay, and a search looks at them again and again."""
 
 
 class _WhenUsed:
-    """Finds `LAZY`, and has it loaded where its first attribute is asked for."""
+    """Finds `LAZY`, and has each loaded where its first attribute is asked for."""
 
     @staticmethod
     def find_spec(name: str, path: Sequence[str] | None, target: object = None) -> ModuleSpec | None:  # noqa: ARG004
-        """Return the spec of that module alone; the arguments are those that Python hands over."""
-        if name != LAZY:
+        """Return the spec of those modules alone; the arguments are those that Python hands over."""
+        if name not in LAZY:
             return None
         spec = PathFinder.find_spec(name, path)
         if spec is not None and spec.loader is not None:

@@ -322,15 +322,25 @@ def printed(start):
     return subprocess.run([sys.executable, "-c", start], check=True, capture_output=True, text=True).stdout.split()
 
 
-def test_the_start_of_the_node_imports_no_reader_of_recordings():
+def test_the_start_of_the_node_imports_what_it_uses():
     pytest.importorskip("rclpy")
-    assert printed("import friction_estimator.ros.estimator_node, sys; print('rosbags' in sys.modules)") == ["False"]
+    idle = ("rosbags", "scipy.linalg", "friction_estimator.effects")
+    assert printed(f"import friction_estimator.ros.estimator_node, sys; print(*(set({idle}) & sys.modules.keys()))") == []
 
 
-def test_numpys_wrapper_of_fortran_is_loaded_by_whoever_uses_it():
+@pytest.mark.parametrize(
+    ("imported", "inner", "use"),
+    [
+        ("scipy.linalg", "numpy.f2py.f2py2e", "numpy.f2py.run_main"),
+        ("scipy.linalg", "numpy.testing._private.utils", "numpy.testing.assert_allclose(1.0, 1.0)"),
+        ("scipy.optimize", "scipy.fft", "scipy.linalg.interpolative.interp_decomp(numpy.ones((2, 2)), 1)"),
+        ("scipy.spatial", "scipy.constants", "scipy.spatial.transform.Rotation.identity()"),
+    ],
+)
+def test_what_nobody_uses_is_loaded_by_whoever_uses_it(imported, inner, use):
     start = (
-        "from friction_estimator.startup import spare_the_start; spare_the_start(); import sys, scipy.linalg, numpy; "
-        "inner = 'numpy.f2py.f2py2e'; before = inner in sys.modules; numpy.f2py.run_main; "
-        "print(before, inner in sys.modules)"
+        "from friction_estimator.startup import spare_the_start; spare_the_start(); "
+        f"import sys, numpy, scipy, {imported}; before = {inner!r} in sys.modules; {use}; "
+        f"print(before, {inner!r} in sys.modules)"
     )
     assert printed(start) == ["False", "True"]

@@ -187,11 +187,13 @@ def test_what_takes_long_is_made_before_the_range_grows(monkeypatch):
 
     made_ahead = {
         "growth": ("grown_model", "Prior.of", "prior_arrays", "placed_zeros", "constants"),
-        "carried_curve": ("cho_factor", "cho_solve", "_add_squares", "_add_missing"),
+        "carried_curve": ("_add_squares", "_add_missing"),
     }
     for module, names in made_ahead.items():
         for name in names:
             monkeypatch.setattr(f"friction_estimator.core.online.{module}.{name}", late)
+    for name in ("cholesky", "inv", "solve"):
+        monkeypatch.setattr(np.linalg, name, late)
     assert estimator.health.grown == 0
     estimator.run(beyond(1, 0.02))
     assert estimator.health.grown == 1

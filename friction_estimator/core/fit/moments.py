@@ -16,7 +16,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+import scipy  # its parts are loaded where they are first used: 0.1 s of a start
 
 from friction_estimator.core import sums
 from friction_estimator.core.errors import ConfigError, UnanswerableError
@@ -136,8 +136,8 @@ def solve(matrix: Floats, target: Floats) -> Floats:
     scaled = matrix * scale[:, None] * scale
     right = (target.T * scale).T
     try:
-        answer = cho_solve(cho_factor(scaled), right)
-    except LinAlgError:
+        answer = scipy.linalg.cho_solve(scipy.linalg.cho_factor(scaled), right)
+    except np.linalg.LinAlgError:
         answer = np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) @ right
     return np.asarray((answer.T * scale).T)
 

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+import scipy  # its parts are loaded where they are first used: 0.1 s of a start
 
 from friction_estimator.core.fit.moments import Moments
 from friction_estimator.core.model.prior import Prior
@@ -112,7 +112,7 @@ class Posterior:
         return covariance, theta
 
     def _inverse(self, theta: Floats) -> Floats:
-        inverse = cho_solve(cho_factor(self.information(theta)), np.eye(theta.size))
+        inverse = scipy.linalg.cho_solve(scipy.linalg.cho_factor(self.information(theta)), np.eye(theta.size))
         return np.asarray(0.5 * (inverse + inverse.T))
 
     def eliminate(self, taps: Floats) -> Floats:
@@ -123,7 +123,7 @@ class Posterior:
         half = self.moments.pull(theta, self.moments.gram)[q:]  # dt/dtheta of the rest depends on A only
         normal = self.weight * self.moments.pull(theta, np.ascontiguousarray(half.T))[q:] + known[q:, q:]
         target = self.weight * self.moments.pull(theta, self.moments.cross)[q:] + known[q:, q:] @ mean[q:]
-        theta[q:] = cho_solve(cho_factor(normal), target)
+        theta[q:] = scipy.linalg.cho_solve(scipy.linalg.cho_factor(normal), target)
         return theta
 
     def minimum(self, taps: Floats) -> Floats:
@@ -173,7 +173,7 @@ def _without_slope(z: Floats, gradient: Callable[[Floats], Floats], hessian: Cal
     if np.linalg.norm(slope) < NEWTON["gtol"]:
         return z
     try:
-        stepped = z - cho_solve(cho_factor(hessian(z)), slope)
+        stepped = z - scipy.linalg.cho_solve(scipy.linalg.cho_factor(hessian(z)), slope)
     except np.linalg.LinAlgError:  # no minimum near: the trust region has run out of its iterations
         return z
     return stepped if np.linalg.norm(gradient(stepped)) < np.linalg.norm(slope) else z

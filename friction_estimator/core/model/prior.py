@@ -21,7 +21,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import lapack
 
 from friction_estimator.core.model.structure import Model
 from friction_estimator.core.sample import Floats
@@ -131,12 +130,14 @@ class Prior:
         return np.asarray(np.linalg.cholesky(self.covariance))
 
     @cached_property
+    def inverse_root(self) -> Floats:
+        """Inverse of `root`, (n, n)."""
+        return np.asarray(np.linalg.inv(self.root))
+
+    @cached_property
     def information(self) -> Floats:
         """Inverse of the covariance, (n, n)."""
-        lower, _ = lapack.dpotri(self.root, lower=1)  # above the diagonal are the zeros of the root
-        inverse = lower + lower.T
-        inverse[np.diag_indices_from(inverse)] *= 0.5
-        return np.asarray(inverse)
+        return np.asarray(self.inverse_root.T @ self.inverse_root)
 
     @property
     def deviation(self) -> Floats:

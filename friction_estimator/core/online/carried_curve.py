@@ -4,7 +4,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 
 from friction_estimator.compiled import njit
 from friction_estimator.core.model.basis import WaveletBasis
@@ -99,9 +98,14 @@ class CarriedCurve:
         return normal
 
     @cached_property
-    def factor(self) -> tuple[Floats, bool]:
+    def factor(self) -> Floats:
         """Their Cholesky factor."""
-        return cho_factor(self.normal, lower=True, check_finite=False)
+        return np.asarray(np.linalg.cholesky(self.normal))
+
+    @cached_property
+    def inverse_factor(self) -> Floats:
+        """Its inverse."""
+        return np.asarray(np.linalg.inv(self.factor))
 
     @cached_property
     def start(self) -> Floats:
@@ -123,7 +127,7 @@ class CarriedCurve:
         """Weights of the larger model, (n, size)."""
         fitted, _, scale = self.functions
         larger = self.start.copy()
-        larger[:, fitted] += scale[fitted] * cho_solve(self.factor, self.missing.T, check_finite=False).T
+        larger[:, fitted] += scale[fitted] * (self.missing @ self.inverse_factor.T @ self.inverse_factor)
         return np.ascontiguousarray(larger[:, self.places])
 
 

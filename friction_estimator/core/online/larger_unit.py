@@ -4,7 +4,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cho_solve, solve_triangular
 
 from friction_estimator.core.fit.band import POWER, PRODUCT
 from friction_estimator.core.model.prior import Prior
@@ -85,5 +84,5 @@ def _posterior(work: Workspace, scale: Floats, ratio: float, prior: Prior) -> tu
     believed = prior_arrays(prior)
     factor = np.linalg.cholesky(believed["information"] + learned / np.multiply.outer(scale, scale))
     wanted = believed["information"] @ believed["mean"] + found / (scale * ratio)
-    root = solve_triangular(factor, np.eye(scale.size), lower=True).T
-    return cho_solve((factor, True), wanted), np.ascontiguousarray(root)
+    root = np.tril(np.linalg.inv(factor)).T
+    return root @ (root.T @ wanted), np.ascontiguousarray(root)
