@@ -25,6 +25,7 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLoca
 from numba.core.dispatcher import Dispatcher
 from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
+from numba.np import linalg
 
 from friction_estimator.compiling import COMPILATION
 
@@ -162,6 +163,11 @@ def private_folder() -> Path | None:
         return None
     own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077
     return folder if own else None
+
+
+# Whether there is a BLAS numba finds out by importing scipy.linalg: 0.1 s of every start. scipy is a requirement here,
+# and what a compiled form calls of it is looked up when it is called.
+linalg.ensure_blas = lambda: None
 
 
 class _Reporter(event.Listener):  # type: ignore[misc]
