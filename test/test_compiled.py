@@ -325,7 +325,9 @@ def printed(start):
 def test_the_start_of_the_node_imports_what_it_uses():
     pytest.importorskip("rclpy")
     idle = ("rosbags", "scipy.linalg", "friction_estimator.effects")
-    assert printed(f"import friction_estimator.ros.estimator_node, sys; print(*(set({idle}) & sys.modules.keys()))") == []
+    assert (
+        printed(f"import friction_estimator.ros.estimator_node, sys; print(*(set({idle}) & sys.modules.keys()))") == []
+    )
 
 
 @pytest.mark.parametrize(
