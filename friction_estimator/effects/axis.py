@@ -12,7 +12,7 @@ BEND = 200.0
 
 REACH = float(np.arcsinh(BEND))
 
-KEPT, KEPT_BYTES = 128, 8 << 20
+KEPT, KEPT_BYTES = 32, 8 << 20
 """What is kept of what was made of arrays, and bytes of it: a joint fit asks for the same at the same samples again and
 again, each in turn at the moments within a sample period that a filter of the force takes it at."""
 
