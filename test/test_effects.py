@@ -2,6 +2,7 @@
 
 import json
 import re
+from copy import deepcopy
 from dataclasses import fields, replace
 from itertools import pairwise
 
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.sample import Samples
 from friction_estimator.effects import EFFECTS, STAGES, Trace, compose, list_effects, parse_effect
-from friction_estimator.effects.axis import VelocityAxis
+from friction_estimator.effects.axis import REACH, VelocityAxis
 from friction_estimator.effects.base import Effect
 from friction_estimator.effects.catalogue import equation
 from friction_estimator.effects.columns import RunningForce
@@ -353,6 +354,18 @@ def test_features_integrate_position_where_none_is_recorded(samples: Samples) ->
     assert recorded is not None
     drift = made.position_m - (recorded - recorded[0])
     assert np.abs(drift).max() < 2e-4
+
+
+def test_a_copy_of_what_is_kept_of_arrays_knows_none_of_them() -> None:
+    """Arrays are known by where they lie; those of another process, or of a copy, may lie where others did."""
+    axis, velocity = VelocityAxis(0.1), np.linspace(-0.1, 0.1, 5)
+    shares = axis.shares(velocity)
+    assert axis.shares(velocity[:]) is shares
+    assert deepcopy(axis).shares(velocity) is not shares
+    np.testing.assert_allclose(shares, deepcopy(axis).shares(velocity))
+    np.testing.assert_allclose(
+        axis.velocities(5), [axis.bend_m_s * np.sinh((2 * x - 1) * REACH) for x in np.arange(5) / 4]
+    )
 
 
 def test_a_ripple_has_a_phase_of_its_own_in_each_recording(features: Features, reference: Reference) -> None:

@@ -18,7 +18,8 @@ from friction_estimator.core.online.adaptation import LAWS
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.online.growth import LEAST_GROWTH, Growth, grown_model
 from friction_estimator.core.online.kernels import DECIDED_AFTER, GROW_AFTER
-from friction_estimator.core.sample import Samples
+from friction_estimator.core.online.run import Run
+from friction_estimator.core.sample import NS_PER_S, Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import MARGIN
 
@@ -192,7 +193,7 @@ def test_what_takes_long_is_made_before_the_range_grows(monkeypatch):
     for module, names in made_ahead.items():
         for name in names:
             monkeypatch.setattr(f"friction_estimator.core.online.{module}.{name}", late)
-    for name in ("cholesky", "inv", "solve"):
+    for name in ("cholesky", "eigh", "inv", "solve"):
         monkeypatch.setattr(np.linalg, name, late)
     assert estimator.health.grown == 0
     estimator.run(beyond(1, 0.02))
@@ -377,6 +378,20 @@ def test_it_stops_at_the_largest_basis(monkeypatch):
     other = estimator_for(samples)
     other.restore(estimator.state())
     assert other.work.status[workspace.MAY_GROW] == 0
+
+
+def test_a_unit_rises_where_deviations_differ_by_more_orders_than_a_number_has_digits():
+    time_s = np.arange(2500) * 1e-3
+    noise = time_s < 2.0  # the first contact is with noise: range and unit are too small
+    speed = 0.02 * np.exp(0.4 * time_s) * np.sin(2.6 * np.pi * time_s)
+    velocity = np.where(noise, 1e-3 * np.sin(9.0 * time_s), speed)
+    friction = np.where(noise, 0.01 * np.tanh(velocity / 1e-5), 3.0 * np.tanh(velocity / 2e-3) + 6.0 * velocity)
+    steep = {"prior.weight_slope": 8.0, "basis.finest_level": -3, "basis.coarsest_level": 6}
+    run = Run(Config.from_mapping(steep | {"model.type": "hammerstein", "theory.kind": "none"}))
+    run.push(Samples((time_s * NS_PER_S).astype(np.int64), velocity, friction, time_s == 0.0))
+    assert run.estimator.health.grown > 0
+    assert run.estimator.model.unit_N > 1.0
+    run.estimator.check_state()
 
 
 def test_where_units_are_far_too_small_it_stays_usable():

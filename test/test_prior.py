@@ -157,3 +157,15 @@ def test_what_a_diagnosis_measured_of_a_force_is_its_prior_and_its_unit_does_not
     mean, deviation = of_terms(unit_N, [])
     np.testing.assert_array_equal(mean, 0.0)
     np.testing.assert_allclose(deviation, [20.0 * unit_N, 20.0 * unit_N, 100.0])
+
+
+@pytest.mark.parametrize("slope", [1.5, 8.0])
+def test_its_inverse_is_as_accurate_for_the_smallest_deviation_as_for_the_largest(slope):
+    prior = Prior.of(model_of(prior__weight_slope=slope, basis__finest_level=-3, basis__coarsest_level=6))
+    size = np.sqrt(np.diag(prior.covariance))
+    if slope == 8.0:
+        assert size.max() / size.min() > 1e16
+    known = np.linalg.inv(prior.covariance / np.multiply.outer(size, size))
+    np.testing.assert_allclose(
+        prior.information * np.multiply.outer(size, size), known, atol=1e-9 * np.abs(known).max()
+    )

@@ -49,16 +49,25 @@ class LastFew:
     def __call__(self, name: str, arrays: tuple[Floats, ...], make: Callable[[], Floats]) -> Floats:
         """Return what `make` makes of the arrays, from the last few that were asked for."""
         if arrays[0].size == 1:  # a live sample
-            return make()
+            return _frozen(make())
         key = (name, *((a.__array_interface__["data"][0], a.size, a.strides) for a in arrays))
         kept = self._made.get(key)
         if kept is None:
-            made = make()
-            made.setflags(write=False)
+            made = _frozen(make())
             while self._made and len(self._made) >= min(KEPT, KEPT_BYTES // max(1, made.nbytes)):
                 del self._made[next(iter(self._made))]
             kept = self._made[key] = arrays, made
         return kept[1]
+
+    def __reduce__(self) -> tuple[type["LastFew"], tuple[()]]:
+        """Have copies begin with nothing: their arrays lie elsewhere."""
+        return LastFew, ()
+
+
+def _frozen(made: Floats) -> Floats:
+    """Return an array that nobody can write into: of one sample, too, or what is compiled for it has a second form."""
+    made.setflags(write=False)
+    return made
 
 
 class VelocityAxis:

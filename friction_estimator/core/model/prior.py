@@ -24,6 +24,7 @@ import numpy as np
 
 from friction_estimator.core.model.structure import Model
 from friction_estimator.core.sample import Floats
+from friction_estimator.core.triangular import inverse
 
 LEAST_SHARE = 1e-9
 """Least share of a variance that conditioning leaves: below, rounding would make the covariance indefinite."""
@@ -132,7 +133,7 @@ class Prior:
     @cached_property
     def inverse_root(self) -> Floats:
         """Inverse of `root`, (n, n)."""
-        return np.asarray(np.linalg.inv(self.root))
+        return inverse(self.root)
 
     @cached_property
     def information(self) -> Floats:

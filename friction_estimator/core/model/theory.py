@@ -20,6 +20,8 @@ from typing import Protocol
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.model.theory_seal import SealCurve
 from friction_estimator.core.model.theory_stribeck import Stribeck, StribeckCurve
+from friction_estimator.core.model.theory_table import TableCurve
+from friction_estimator.core.model.theory_table_file import read_table
 from friction_estimator.core.registry import Registry
 from friction_estimator.core.sample import Floats
 from friction_estimator.core.settings.config import Config
@@ -75,9 +77,6 @@ def _stribeck(config: Config) -> TheoryCurve:
 
 @THEORIES.named("table")
 def _table(config: Config) -> TheoryCurve:
-    from friction_estimator.core.model.theory_table import TableCurve  # noqa: PLC0415 - few drives have a table
-    from friction_estimator.core.model.theory_table_file import read_table  # noqa: PLC0415
-
     return TableCurve(
         read_table(config.theory.table), config.theory.default_pressure, config.theory.default_temperature
     )

@@ -9,6 +9,7 @@ from friction_estimator.compiled import njit
 from friction_estimator.core.model.basis import WaveletBasis
 from friction_estimator.core.model.structure import Model
 from friction_estimator.core.sample import Floats, Ints
+from friction_estimator.core.triangular import inverse
 
 POINTS_A_CELL = 4
 """Points of the fit: several for the finest function."""
@@ -105,7 +106,7 @@ class CarriedCurve:
     @cached_property
     def inverse_factor(self) -> Floats:
         """Its inverse."""
-        return np.asarray(np.linalg.inv(self.factor))
+        return inverse(self.factor)
 
     @cached_property
     def start(self) -> Floats:

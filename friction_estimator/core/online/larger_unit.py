@@ -12,6 +12,7 @@ from friction_estimator.core.online import workspace as at
 from friction_estimator.core.online.growth import nothing_kept, prior_arrays
 from friction_estimator.core.online.workspace import Workspace
 from friction_estimator.core.sample import Floats
+from friction_estimator.core.triangular import inverse
 
 LARGEST_ERROR = 2.0
 """Force units above which the rms of recent errors says that the unit is too small."""
@@ -78,11 +79,14 @@ def in_larger_units(work: Workspace, before: Model, after: Model, prior: Prior) 
 def _posterior(work: Workspace, scale: Floats, ratio: float, prior: Prior) -> tuple[Floats, Floats]:
     """Return mean and root of the posterior in larger units; `scale` is s D, (n,)."""
     half = np.linalg.inv(work.root)
-    value, vector = np.linalg.eigh(half.T @ half - work.information)
+    # Of rows and columns of one size: a prior's deviations may differ by more orders than a number has digits.
+    size = np.sqrt(np.diag(work.information))
+    value, vector = np.linalg.eigh((half.T @ half - work.information) / np.multiply.outer(size, size))
+    vector *= size[:, None]
     learned = (vector * np.maximum(value, 0.0)) @ vector.T  # of what no sample told, rounding leaves either sign
     found = learned @ work.theta + work.information @ (work.theta - work.mean)
     believed = prior_arrays(prior)
     factor = np.linalg.cholesky(believed["information"] + learned / np.multiply.outer(scale, scale))
     wanted = believed["information"] @ believed["mean"] + found / (scale * ratio)
-    root = np.tril(np.linalg.inv(factor)).T
+    root = inverse(factor).T
     return root @ (root.T @ wanted), np.ascontiguousarray(root)
