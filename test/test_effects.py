@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.sample import Samples
 from friction_estimator.effects import EFFECTS, STAGES, Trace, compose, list_effects, parse_effect
-from friction_estimator.effects.axis import REACH, VelocityAxis
+from friction_estimator.effects.axis import VelocityAxis
 from friction_estimator.effects.base import Effect
 from friction_estimator.effects.catalogue import equation
 from friction_estimator.effects.columns import RunningForce
