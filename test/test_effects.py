@@ -363,9 +363,6 @@ def test_a_copy_of_what_is_kept_of_arrays_knows_none_of_them() -> None:
     assert axis.shares(velocity[:]) is shares
     assert deepcopy(axis).shares(velocity) is not shares
     np.testing.assert_allclose(shares, deepcopy(axis).shares(velocity))
-    np.testing.assert_allclose(
-        axis.velocities(5), [axis.bend_m_s * np.sinh((2 * x - 1) * REACH) for x in np.arange(5) / 4]
-    )
 
 
 def test_a_ripple_has_a_phase_of_its_own_in_each_recording(features: Features, reference: Reference) -> None:
