@@ -13,6 +13,7 @@ from scipy.optimize import minimize_scalar
 
 from friction_estimator.core.model.theory_seal import SealCurve
 from friction_estimator.effects import EFFECTS, Effect, Trace
+from friction_estimator.effects.axis import VelocityAxis
 from friction_estimator.effects.extension import theory_parts
 from friction_estimator.effects.features import Context, FeatureMaker, Features
 from friction_estimator.effects.reference import Reference
@@ -207,9 +208,8 @@ def _reference(made: Made, features: Features, gain: float, context: Context, pl
     def static(velocity, pressure):
         return _static(made, velocity, pressure, temperature)
 
-    return Reference.tabulate(
-        static, viscous, boundary, theory, context.top_speed_m_s, nodes, context.sign_velocity_m_s, taps
-    )
+    axis = VelocityAxis(context.top_speed_m_s)
+    return Reference.tabulate(static, viscous, boundary, theory, axis, nodes, context.sign_velocity_m_s, taps)
 
 
 def _static(made: Made, velocity, pressure, temperature: float):
