@@ -1,11 +1,11 @@
 """The hypotheses of a diagnosis: every effect with a regressor, over its grid.
 
 Columns are causal machines: they are made piece by piece, added to products by block, and forgotten. What needs them
-again (another residual) makes them again.
+again (another residual) makes them again, but for those that are kept until the screening has ended.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -20,6 +20,10 @@ from friction_estimator.effects.reference import Reference
 
 AT_ONCE = 32
 """Columns whose inner products are formed together."""
+
+MOST_KEPT = 64 << 20
+"""Bytes of columns that are kept until `Library.forget`: of 60,000 samples all but those of waves in the position,
+which are 90 of 100 and take a fortieth of the time each."""
 
 UNKNOWN_WITHOUT = ("pressure",)
 """Channels that nothing can stand in for where they are not recorded; the position is integrated from the velocity."""
@@ -45,14 +49,20 @@ class Hypothesis:
         return self.effect.name
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Family:
-    """The points of one effect that have equally many columns, and their products."""
+    """The points of one effect that have equally many columns, and their products.
+
+    Attributes
+    ----------
+    made : columns that are kept, by number of the first point, piece after piece.
+    """
 
     effect: type[Effect]
     points: tuple[dict[str, float], ...]
     rule: Rule
     stack: Stack
+    made: dict[int, list[Floats]] = field(default_factory=dict, repr=False)
 
     def __getitem__(self, i: int) -> Hypothesis:
         return Hypothesis(self.effect, self.points[i], self.stack[i], self.rule)
@@ -88,27 +98,41 @@ class Library:
         `evidence` gives the pieces, `residuals` (n, k) are zero where samples are masked.
         """
         out = [np.empty((residuals.shape[1], *f.stack.xe.shape)) for f in self.families]
-        machines = [Machines(f.effect, f.points) for f in self.families]
-        for piece in evidence.pieces():
+        machines = [Machines(f.effect, f.points, f.made) for f in self.families]
+        for number, piece in enumerate(evidence.pieces()):
             features, e = self.features[piece.part], residuals[piece.part]
             for xe, made in zip(out, machines, strict=True):
-                for here, x in made(features, self.reference):
+                for here, x in made(number, features, self.reference):
                     by_block = piece.by_block(x, e).reshape(piece.edges.size - 1, -1, xe.shape[-1], e.shape[1])
                     xe[:, piece.blocks, here] = np.moveaxis(by_block, -1, 0)
         return out
 
+    def forget(self) -> None:
+        """Let go of the columns that were kept."""
+        for family in self.families:
+            family.made.clear()
+
 
 class Machines:
-    """The columns of one effect at several points, piece by piece: each goes on where the piece before it ended."""
+    """The columns of one effect at several points, piece by piece: each goes on where the piece before it ended.
 
-    def __init__(self, effect: type[Effect], points: Sequence[dict[str, float]]) -> None:
+    Parameters
+    ----------
+    known : columns that were kept, by number of the first hypothesis, piece after piece; the others are made.
+    """
+
+    def __init__(
+        self, effect: type[Effect], points: Sequence[dict[str, float]], known: Mapping[int, Sequence[Floats]]
+    ) -> None:
         step = max(1, AT_ONCE // effect.columns(points[0]).size)
+        self._known = known
         self._machines = [(here, effect.side_by_side(points[here])) for here in parts(len(points), step)]
 
-    def __call__(self, features: Features, reference: Reference) -> Iterator[tuple[slice, Floats]]:
-        """Yield some hypotheses' numbers and their columns side by side, (n_part, hypotheses c)."""
+    def __call__(self, number: int, features: Features, reference: Reference) -> Iterator[tuple[slice, Floats]]:
+        """Yield some hypotheses' numbers and their columns in a piece side by side, (n_part, hypotheses c)."""
         for here, machine in self._machines:
-            yield here, machine(features, reference)
+            known = self._known.get(here.start)
+            yield here, machine(features, reference) if known is None else known[number]
 
 
 def columns_of(effect: type[Effect], params: dict[str, float], features: Features, reference: Reference) -> Floats:
@@ -137,13 +161,27 @@ def built(
             signs = effect.signs if len(effect.signs) == width else (0,) * width
             stack = Stack.empty(evidence.blocks, evidence.width, len(alike), width)
             families.append(Family(effect, tuple(alike), Rule(signs, effect.fixed_gain), stack))
-    machines = [Machines(f.effect, f.points) for f in families]
-    for piece in evidence.pieces():
+    machines = [Machines(f.effect, f.points, {}) for f in families]
+    kept = _kept(families, features.size)
+    for number, piece in enumerate(evidence.pieces()):
         part = features[piece.part]
-        for family, made in zip(families, machines, strict=True):
-            for here, x in made(part, reference):
+        for family, machine in zip(families, machines, strict=True):
+            for here, x in machine(number, part, reference):
                 _add(family.stack, piece, here, piece.masked(x))
+                if family in kept:
+                    family.made.setdefault(here.start, []).append(x)
     return Library(tuple(families), features, reference)
+
+
+def _kept(families: Sequence[Family], samples: int) -> list[Family]:
+    """Return the families whose columns are kept: those of fewest columns, which take longest to make each."""
+    out, room = [], MOST_KEPT
+    for family in sorted(families, key=lambda f: f.stack.xe[0].size):
+        room -= family.stack.xe[0].size * samples * family.stack.xe.itemsize
+        if room < 0:
+            break
+        out.append(family)
+    return out
 
 
 def _add(stack: Stack, piece: Piece, here: slice, x: Floats) -> None:

@@ -98,6 +98,7 @@ def screening(
     """
     screened = screen(evidence, library)
     nulls, rounding = gate(record, model, library, screened, lattice_N, seed)
+    library.forget()
     return View(evidence, library, tuple(screened), nulls, rounding, least)
 
 

@@ -96,8 +96,12 @@ class VelocityAxis:
         """
 
         def make() -> Floats:
-            out = np.empty(velocity_m_s.size)
-            _shares(velocity_m_s, slowest_m_s, self.bend_m_s, REACH, out)
-            return out
+            return self.shares_once(velocity_m_s, slowest_m_s)
 
         return self._last(repr(slowest_m_s), (velocity_m_s,), make)
+
+    def shares_once(self, velocity_m_s: Floats, slowest_m_s: float = 0.0) -> Floats:
+        """Return `shares` of velocities that nobody asks for again: nothing of it is kept."""
+        out = np.empty(velocity_m_s.size)
+        _shares(velocity_m_s, slowest_m_s, self.bend_m_s, REACH, out)
+        return out

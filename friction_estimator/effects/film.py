@@ -8,12 +8,11 @@ import numpy as np
 
 from friction_estimator.core.quantities import VELOCITY, quantity
 from friction_estimator.core.sample import Floats
-from friction_estimator.effects.axis import REACH
 from friction_estimator.effects.base import REVERSAL, Effect, Key, Params, Words, chosen, effect, form_key
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import beyond_time, times
-from friction_estimator.effects.kernels import DELAY_LINE, delayed_film_speed, film_speed, on_film
+from friction_estimator.effects.kernels import DELAY_LINE, LEAST_FILM, delayed, film_speed, on_film
 from friction_estimator.effects.reference import BOUNDARY, FORCE, SHEAR, Reference
 from friction_estimator.effects.trace import Trace
 
@@ -167,10 +166,7 @@ class FrictionalLag(Effect):
         rest = params.get("rest", 0.0)
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:
-            film, out = film_of(f, r, params, s), np.empty(f.size)
-            tables = r.tables[FORCE], r.tables[BOUNDARY], r.tables[SHEAR], r.pressures_Pa, r.bend_m_s, REACH
-            on_film(f.velocity_m_s, film, f.pressure_Pa, r.sign_velocity_m_s, rest, *tables, out)
-            return out
+            return _more_on(film_of(f, r, params, s), f.velocity_m_s, f.pressure_Pa, rest, r)
 
         return Columns(compute, state=DELAY_LINE, filtered=True)
 
@@ -188,12 +184,11 @@ class FrictionalLag(Effect):
     @classmethod
     def level_on_film(cls, params: Params, features: Features, reference: Reference) -> Floats:
         """Return the level of friction on the film over that at the velocity, (n,)."""
-        film, out = film_of(features, reference, params, np.zeros(DELAY_LINE)), np.empty(features.size)
-        r, moving = reference, reference.moving(features.velocity_m_s)
-        tables = r.tables[FORCE], r.tables[BOUNDARY], r.tables[SHEAR], r.pressures_Pa, r.bend_m_s, REACH
-        on_film(moving, film, features.pressure_Pa, r.sign_velocity_m_s, params.get("rest", 0.0), *tables, out)
-        stands = r.force(moving, features.pressure_Pa)
-        return 1.0 + np.divide(out, stands, out=np.zeros(out.size), where=stands != 0.0)
+        film = film_of(features, reference, params, np.zeros(DELAY_LINE))
+        moving = reference.moving(features.velocity_m_s)
+        more = _more_on(film, moving, features.pressure_Pa, params.get("rest", 0.0), reference)
+        stands = reference.force(moving, features.pressure_Pa)
+        return 1.0 + np.divide(more, stands, out=np.zeros(more.size), where=stands != 0.0)
 
     signs = (1,)
     fixed_gain = True
@@ -205,7 +200,17 @@ def film_of(features: Features, reference: Reference, params: Params, state: Flo
     """Return the speed that has built a film that lags, (n,), m/s; `state` is carried from piece to piece."""
     f, r, out = features, reference, np.empty(features.size)
     if params.get("delayed", 0.0) >= 0.5:
-        delayed_film_speed(f.step_s, f.velocity_m_s, params["lag"], r.sign_velocity_m_s, state, out)
-    else:
-        film_speed(f.step_s, f.previous_m_s, f.velocity_m_s, params["lag"], r.sign_velocity_m_s, r.bend_m_s, state, out)
+        delayed(f.step_s, f.velocity_m_s, params["lag"], state, out)
+        return np.maximum(np.abs(out), LEAST_FILM * r.sign_velocity_m_s)
+    film_speed(f.step_s, f.previous_m_s, f.velocity_m_s, params["lag"], r.sign_velocity_m_s, r.bend_m_s, state, out)
+    return out
+
+
+def _more_on(film_m_s: Floats, velocity_m_s: Floats, pressure_Pa: Floats, rest: float, reference: Reference) -> Floats:
+    """Return by how much friction on the film of another speed differs, (n,), N; see `kernels.on_film`."""
+    r, slowest, out = reference, LEAST_FILM * reference.sign_velocity_m_s, np.empty(film_m_s.size)
+    parts = (FORCE, BOUNDARY, SHEAR)
+    there = r.once(film_m_s, pressure_Pa, *parts)
+    here = tuple(r.of_speed(part, velocity_m_s, pressure_Pa, slowest) for part in parts)
+    on_film(velocity_m_s, film_m_s, r.sign_velocity_m_s, rest, there, here, out)
     return out

@@ -3,10 +3,7 @@
 import numpy as np
 
 from friction_estimator.compiled import njit
-from friction_estimator.effects.reference import between, lookup, place
-
-MOST_STEPS = 64
-"""Parts into which a step between samples is divided at most; velocity is taken as linear between samples."""
+from friction_estimator.effects.reference import substeps
 
 RING = 512
 """Length of a delay line, in samples: 100 ms at 5 kHz."""
@@ -83,6 +80,7 @@ def rest_spike(step, previous, velocity, length, rest_speed, exponent, state, ou
 
     state = [dwell running, dwell of the last reversal, d_rev, direction].
     """
+    height = state[1] ** exponent
     for k in range(velocity.size):
         v0, v1, dt = previous[k], velocity[k], step[k]
         reversed_ = v1 != 0.0 and state[3] != 0.0 and (v1 > 0.0) != (state[3] > 0.0)
@@ -101,6 +99,7 @@ def rest_spike(step, previous, velocity, length, rest_speed, exponent, state, ou
                     state[0] += dt * (rest_speed - min(abs(v0), abs(v1))) / slope
         if reversed_:
             state[1] = state[0]
+            height = state[1] ** exponent
             state[0] = 0.0
             state[2] = moved
         else:
@@ -111,24 +110,22 @@ def rest_spike(step, previous, velocity, length, rest_speed, exponent, state, ou
             state[0] = 0.0
         out[k] = 0.0
         if state[1] > 0.0:
-            out[k] = state[3] * state[1] ** exponent * np.exp(-state[2] / length)
-
-
-@njit(cache=True, forceinline=True)
-def substeps(before, now, bend):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Return the number of parts in which the velocity changes by at most `bend`: the curve is straight within each."""
-    return max(1, min(MOST_STEPS, int(np.ceil(abs(now - before) / bend - 1e-9))))
+            out[k] = state[3] * height * np.exp(-state[2] / length)
 
 
 @njit(cache=True)
-def force_lag(step, previous, velocity, pressure, tau, twice, table, pressures, bend, reach, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def force_lag(step, previous, velocity, within, tau, twice, bend, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """First-order lag of F(v(t), p), or two equal ones in series: out = LP(F) - F.
 
-    F is linear within a step, for which the lag's answer is exact. state = [y, F at the last step, started, second y].
+    F is linear in each part of a step, for which the lag's answer is exact; `within` is F at the end of each part, see
+    `Reference.force_within`. state = [y, F at the last step, started, second y].
     """
     dt, decay = 0.0, 1.0  # kept: samples are evenly spaced, nearly everywhere
+    end = 0
     for k in range(velocity.size):
-        now = lookup(table, pressures, bend, reach, velocity[k], pressure[k])
+        count = substeps(previous[k], velocity[k], bend)
+        begin, end = end, end + count
+        now = within[end - 1]
         if step[k] <= 0.0 or state[2] == 0.0:
             state[0] = now
             state[1] = now
@@ -136,13 +133,11 @@ def force_lag(step, previous, velocity, pressure, tau, twice, table, pressures, 
             state[3] = now
             out[k] = 0.0
             continue
-        count = substeps(previous[k], velocity[k], bend)
         if step[k] / count != dt:
             dt = step[k] / count
             decay = np.exp(-dt / tau)
-        for i in range(1, count + 1):
-            v = previous[k] + (velocity[k] - previous[k]) * i / count
-            f = now if i == count else lookup(table, pressures, bend, reach, v, pressure[k])
+        for i in range(begin, end):
+            f = within[i]
             slope = (f - state[1]) / dt
             away = state[0] - state[1] + slope * tau
             state[3] = f - 2.0 * slope * tau + (state[3] - state[1] + 2.0 * slope * tau + away * dt / tau) * decay
@@ -155,7 +150,7 @@ DELAY_LINE = 1 + 2 * RING
 """Length of the state of `earlier`."""
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def earlier(step, velocity, delay, state):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Take in a velocity and return that of `delay` ago, linear between samples.
 
@@ -185,13 +180,10 @@ def earlier(step, velocity, delay, state):  # type: ignore[no-untyped-def] # pra
 
 
 @njit(cache=True)
-def force_delay(step, velocity, pressure, delay, table, pressures, bend, reach, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """F(v(t - delay)) - F(v(t)), velocity linear between samples; state: see `earlier`."""
+def delayed(step, velocity, delay, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """v(t - delay), linear between samples; state: see `earlier`."""
     for k in range(velocity.size):
-        v = earlier(step[k], velocity[k], delay, state)
-        out[k] = lookup(table, pressures, bend, reach, v, pressure[k]) - lookup(
-            table, pressures, bend, reach, velocity[k], pressure[k]
-        )
+        out[k] = earlier(step[k], velocity[k], delay, state)
 
 
 LEAST_FILM = 1e-2
@@ -201,6 +193,7 @@ LEAST_FILM = 1e-2
 @njit(cache=True)
 def film_speed(step, previous, velocity, tau, sign_velocity, bend, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Speed u that has built the film, the first-order lag of |v|, never zero. state = [u, started]."""
+    dt, decay = 0.0, 1.0  # kept: samples are evenly spaced, nearly everywhere
     for k in range(velocity.size):
         if step[k] <= 0.0 or state[1] == 0.0:
             state[0] = abs(velocity[k])
@@ -208,8 +201,9 @@ def film_speed(step, previous, velocity, tau, sign_velocity, bend, state, out): 
             out[k] = max(state[0], LEAST_FILM * sign_velocity)
             continue
         count = substeps(previous[k], velocity[k], bend)
-        dt = step[k] / count
-        decay = np.exp(-dt / tau)
+        if step[k] / count != dt:
+            dt = step[k] / count
+            decay = np.exp(-dt / tau)
         last = abs(previous[k])
         for i in range(1, count + 1):
             s = abs(previous[k] + (velocity[k] - previous[k]) * i / count)
@@ -220,32 +214,20 @@ def film_speed(step, previous, velocity, tau, sign_velocity, bend, state, out): 
 
 
 @njit(cache=True)
-def delayed_film_speed(step, velocity, delay, sign_velocity, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Speed |v(t - delay)| that has built the film, never zero. state: see `earlier`."""
-    for k in range(velocity.size):
-        out[k] = max(abs(earlier(step[k], velocity[k], delay, state)), LEAST_FILM * sign_velocity)
-
-
-@njit(cache=True)
-def on_film(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    velocity, film_speed, pressure, sign_velocity, rest, force, boundary, shear, pressures, bend, reach, out
-):
+def on_film(velocity, film_speed, sign_velocity, rest, there, here, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """S(v) (B(u)/S(u) - B(|v|)/S(|v|)) + v (H(u)/u - H(|v|)/|v|), u the speed that has built the film.
 
     B and H are the boundary and the shear part of the theory: the film's thickness, which sets both, is that of u. Of
-    what the force has beside them, a share `rest` goes with B.
+    what the force has beside them, a share `rest` goes with B. `there` and `here` are force, B and H at u and at |v|.
     """
     for k in range(velocity.size):
-        film, p = film_speed[k], pressure[k]
-        floor = max(abs(velocity[k]), LEAST_FILM * sign_velocity)
-        dry, wet = 0.0, 0.0
-        for sign, speed in ((1.0, film), (-1.0, floor)):
-            i, part, j, q = place(pressures, bend, reach, force.shape[1] - 1, speed, p)
-            b, h = between(boundary, i, part, j, q), between(shear, i, part, j, q)
-            if rest != 0.0:
-                b += rest * (between(force, i, part, j, q) - b - h)
-            dry += sign * b / np.tanh(speed / sign_velocity)
-            wet += sign * h / speed
+        speed = max(abs(velocity[k]), LEAST_FILM * sign_velocity)
+        b, h, b0, h0 = there[1][k], there[2][k], here[1][k], here[2][k]
+        if rest != 0.0:
+            b += rest * (there[0][k] - b - h)
+            b0 += rest * (here[0][k] - b0 - h0)
+        dry = b / np.tanh(film_speed[k] / sign_velocity) - b0 / np.tanh(speed / sign_velocity)
+        wet = h / film_speed[k] - h0 / speed
         out[k] = np.tanh(velocity[k] / sign_velocity) * dry + velocity[k] * wet
 
 

@@ -20,6 +20,35 @@ Surface = Callable[[Floats, Floats], Floats]
 """(velocity m/s, gauge pressure Pa) -> friction N, elementwise."""
 
 
+MOST_STEPS = 64
+"""Parts into which a step between samples is divided at most; velocity is taken as linear between samples."""
+
+
+@njit(cache=True, forceinline=True)
+def substeps(before, now, bend):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return the number of parts in which the velocity changes by at most `bend`: the curve is straight within each."""
+    return max(1, min(MOST_STEPS, int(np.ceil(abs(now - before) / bend - 1e-9))))
+
+
+@njit(cache=True)
+def within(previous, velocity, pressure, bend):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Return the velocity at the end of each part of each step, and the pressure there."""
+    count = 0
+    for k in range(velocity.size):
+        count += substeps(previous[k], velocity[k], bend)
+    moved, pressed = np.empty(count), np.empty(count)
+    at = 0
+    for k in range(velocity.size):
+        count = substeps(previous[k], velocity[k], bend)
+        for i in range(1, count):
+            moved[at] = previous[k] + (velocity[k] - previous[k]) * i / count
+            pressed[at] = pressure[k]
+            at += 1
+        moved[at], pressed[at] = velocity[k], pressure[k]
+        at += 1
+    return moved, pressed
+
+
 @njit(cache=True, forceinline=True)
 def cell(share, steps, pressures, pressure):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Return where a point lies in a table: i and a part of the way to i + 1 in velocity, j and q in pressure."""
@@ -51,13 +80,6 @@ def between(table, i, part, j, q):  # type: ignore[no-untyped-def] # pragma: no 
         return below
     above = table[j + 1, i] * (1.0 - part) + table[j + 1, i + 1] * part
     return below * (1.0 - q) + above * q
-
-
-@njit(cache=True, forceinline=True)
-def lookup(table, pressures, bend, reach, velocity, pressure):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Return the bilinear interpolation of table[pressure, velocity]; both are held at the edges."""
-    i, part, j, q = place(pressures, bend, reach, table.shape[1] - 1, velocity, pressure)
-    return between(table, i, part, j, q)
 
 
 @njit(cache=True)
@@ -160,6 +182,31 @@ class Reference:
     def force(self, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
         """Return F(v, p), (n,), N; not to be written to."""
         return self.part(FORCE, velocity_m_s, pressure_Pa)
+
+    def once(self, velocity_m_s: Floats, pressure_Pa: Floats, *which: int) -> tuple[Floats, ...]:
+        """Return some `part` each at points that nobody asks for again: nothing of it is kept."""
+        share = self.axis.shares_once(velocity_m_s)
+        return tuple(self._looked_up(part, share, pressure_Pa) for part in which)
+
+    def of_speed(self, which: int, velocity_m_s: Floats, pressure_Pa: Floats, slowest_m_s: float) -> Floats:
+        """Return `part` at the speed, (n,), N, nowhere at a lower one; not to be written to."""
+
+        def make() -> Floats:
+            return self._looked_up(which, self.axis.shares(velocity_m_s, slowest_m_s), pressure_Pa)
+
+        return self._last(f"{which} from {slowest_m_s!r}", (velocity_m_s, pressure_Pa), make)
+
+    def force_within(self, previous_m_s: Floats, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
+        """Return F(v, p) in parts of the way to each sample in which it is straight, N: (n,) or longer.
+
+        The velocity is linear between samples and changes by at most the bend in each part (`substeps`). Not to be
+        written to.
+        """
+
+        def make() -> Floats:
+            return self.once(*within(previous_m_s, velocity_m_s, pressure_Pa, self.bend_m_s), FORCE)[0]
+
+        return self._last("within", (velocity_m_s, previous_m_s, pressure_Pa), make)
 
     def level(self, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
         """Return the level F / S of friction in steady sliding, (n,), N: what stands behind the smooth sign.

@@ -7,13 +7,12 @@ from typing import ClassVar
 import numpy as np
 
 from friction_estimator.core.sample import Floats
-from friction_estimator.effects.axis import REACH
 from friction_estimator.effects.base import REVERSAL, Effect, Key, Params, Words, chosen, effect, form_key
 from friction_estimator.effects.channels import seen_at
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import beyond_time, times
-from friction_estimator.effects.kernels import RING, force_delay, force_lag
+from friction_estimator.effects.kernels import DELAY_LINE, delayed, force_lag
 from friction_estimator.effects.reference import FORCE, Reference
 from friction_estimator.effects.trace import Trace
 from friction_estimator.effects.whole import FirstOrder, StaticTables, shifted, unfiltered
@@ -78,22 +77,12 @@ class TimeDelay(Timing):
         """Return F(t - D) - F(t)."""
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:
-            out = np.empty(f.size)
-            force_delay(
-                f.step_s,
-                f.velocity_m_s,
-                f.pressure_Pa,
-                params["delay"],
-                r.tables[FORCE],
-                r.pressures_Pa,
-                r.bend_m_s,
-                REACH,
-                s,
-                out,
-            )
-            return out
+            moved = np.empty(f.size)
+            delayed(f.step_s, f.velocity_m_s, params["delay"], s, moved)
+            (there,) = r.once(moved, f.pressure_Pa, FORCE)
+            return there - r.force(f.velocity_m_s, f.pressure_Pa)
 
-        return Columns(compute, state=1 + 2 * RING, filtered=True)
+        return Columns(compute, state=DELAY_LINE, filtered=True)
 
     @classmethod
     def whole(cls, params: Params, tables: StaticTables, features: Features) -> Floats:
@@ -156,8 +145,8 @@ class SensorLowpass(Timing):
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:
             out = np.empty(f.size)
-            table = (r.tables[FORCE], r.pressures_Pa, r.bend_m_s, REACH)
-            force_lag(f.step_s, f.previous_m_s, f.velocity_m_s, f.pressure_Pa, tau, two, *table, s, out)
+            within = r.force_within(f.previous_m_s, f.velocity_m_s, f.pressure_Pa)
+            force_lag(f.step_s, f.previous_m_s, f.velocity_m_s, within, tau, two, r.bend_m_s, s, out)
             return out
 
         return Columns(compute, state=4, filtered=True)
@@ -253,7 +242,8 @@ class VelocityDelay(Timing):
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
             ahead = f.velocity_m_s + params["delay"] * f.acceleration_m_s2
-            return r.force(ahead, f.pressure_Pa) - r.force(f.velocity_m_s, f.pressure_Pa)
+            (there,) = r.once(ahead, f.pressure_Pa, FORCE)
+            return there - r.force(f.velocity_m_s, f.pressure_Pa)
 
         return Columns(compute, filtered=True)
 

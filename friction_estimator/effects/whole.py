@@ -14,8 +14,7 @@ from friction_estimator.compiled import njit
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.axis import REACH, VelocityAxis
 from friction_estimator.effects.features import Features
-from friction_estimator.effects.kernels import substeps
-from friction_estimator.effects.reference import cell, place
+from friction_estimator.effects.reference import cell, place, substeps
 
 VELOCITIES = 1601
 
