@@ -303,4 +303,8 @@ def test_a_gain_that_steps_in_the_first_lap_of_a_measured_ball_screw_is_named(sh
     ("seal", "given"), [("O-ring257", {}), ("X-ring257", WITHOUT_THEORY)], ids=["O-ring", "X-ring"]
 )
 def test_measured_seals(shared_data: Path, seal: str, given: dict[str, object]) -> None:
-    check_measured_seal(shared_data, seal, given)
+    """Two of the four pressures; hard/hard_diagnosis.py has all of them, which takes five times as long.
+
+    At 2 and 6 bar alone a step of the bias is named for the X-ring, and the asymmetry as what may look like it.
+    """
+    check_measured_seal(shared_data, seal, given, slice(1, None, 2))

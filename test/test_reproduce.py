@@ -40,7 +40,7 @@ from friction_estimator.rig.drive import CONDITIONS
 
 pytestmark = pytest.mark.xdist_group("reproduce")
 
-SHORT = Plan(seeds=1, seconds=8.0)
+SHORT = Plan(seeds=1, seconds=8.0, rate_hz=500.0)
 IDS = {
     "hammerstein_converges", "parallel_ends_closer", "parallel_converges_faster", "good_before_convergence",
     "g_has_the_theorys_shape", "orders_above_8_help_little", "wavelets_need_fewer_parameters",
@@ -399,7 +399,7 @@ def results_of(plan, found):
 
 
 def test_what_is_judged_is_written_into_one_page_with_figures(found, tmp_path):
-    plan = Plan(2, 30.0, 200.0)
+    plan = Plan(2, 30.0, 100.0)
     study, claims = judge(plan, results_of(plan, found))
     text = to_json({"schema": SCHEMA, "claims": claims})
     out = tmp_path / "out"
