@@ -3,7 +3,7 @@
 from hard.fuzz_kinds import KINDS, SLOW
 from hard.fuzzing import attack
 
-INPUTS = dict.fromkeys(KINDS, 14) | dict.fromkeys(SLOW, 8)
+INPUTS = dict.fromkeys(KINDS, 9) | dict.fromkeys(SLOW, 8)
 
 
 def test_mutated_files_are_read_or_refused_in_one_line(tmp_path):

@@ -365,10 +365,9 @@ def test_a_page_of_many_causes_stays_small(tmp_path):
     found = diagnose([samples], Config(), catalogue={"inertia": EFFECTS["inertia"]})
     assert len(found.effects) == 1
     assert len(samples) > diagnosis_charts.ROWS
-    for times in (1, 20):
-        page = diagnosis_page(replace(found, effects=found.effects * times), ["a"], Q, {}, [], [])
-        write_page(tmp_path / "report.html", page)
-        assert (tmp_path / "report.html").stat().st_size < 5_000_000
+    page = diagnosis_page(replace(found, effects=found.effects * 20), ["a"], Q, {}, [], [])
+    write_page(tmp_path / "report.html", page)
+    assert (tmp_path / "report.html").stat().st_size < 5_000_000
 
 
 @pytest.fixture(scope="module")
