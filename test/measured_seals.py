@@ -34,9 +34,7 @@ def measured_seal(shared_data: Path, seal: str) -> list[Samples]:
     return recordings
 
 
-def check_measured_seal(
-    shared_data: Path, seal: str, given: dict[str, object], pressures: slice = slice(None)
-) -> None:
+def check_measured_seal(shared_data: Path, seal: str, given: dict[str, object], pressures: slice = slice(None)) -> None:
     """Diagnose a seal, each of its pressures (or some) a recording of its own, in rising order; judge what is said."""
     found = diagnose(measured_seal(shared_data, seal)[pressures], Config.from_mapping(given))
     assert found.verdict == "effects_found"
