@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from friction_estimator.added_terms import added_terms
 from friction_estimator.cli import common
 from friction_estimator.cli.recorded import load
 from friction_estimator.cli.terminal import say_document
@@ -12,7 +13,6 @@ from friction_estimator.core.errors import InputError
 from friction_estimator.core.fit.band import Curve
 from friction_estimator.core.regular_file import read_regular
 from friction_estimator.documents.load import Limits, parse_json
-from friction_estimator.effects.extension import extension_from_config
 from friction_estimator.export import FORMATS
 from friction_estimator.export.learned import Learned
 
@@ -111,9 +111,7 @@ def _learned(args: argparse.Namespace, output: common.Output) -> Learned:
     if read.bags:
         session = load(read, output)
         config, samples = session.config, session.samples
-    return Learned(
-        str(given), config, extension_from_config(config), _curve(folder / "summary.json"), samples, read.bags
-    )
+    return Learned(str(given), config, added_terms(config), _curve(folder / "summary.json"), samples, read.bags)
 
 
 def _recordings(path: Path) -> list[str]:

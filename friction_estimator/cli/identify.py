@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from friction_estimator.added_terms import added_terms, added_terms_as_met
 from friction_estimator.cli import common, joints, loads, side_by_side
 from friction_estimator.cli.progress import progress
 from friction_estimator.cli.recorded import Session, add_run_options, load, outputs, tell_theory, tell_units
@@ -22,7 +23,6 @@ from friction_estimator.core.online.replay import Replay, check_answerable, curv
 from friction_estimator.core.online.run import Run
 from friction_estimator.core.sample import Bools, Floats
 from friction_estimator.core.settings.config import Config
-from friction_estimator.effects.extension import extension_as_met, extension_from_config
 
 SCHEMA = "friction_estimator/identify/2"
 
@@ -66,9 +66,7 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
     begin = time.perf_counter()
     with progress("fitting", len(samples)) as advance:
         # Greater: and not. Nothing else holds it, so that the fit lets go of it when it knows what it uses of it.
-        fit = fit_batch(
-            samples, config, extension_from_config(config), use=learned > standstill(samples, config.velocity_scale)
-        )
+        fit = fit_batch(samples, config, added_terms(config), use=learned > standstill(samples, config.velocity_scale))
         advance(len(samples))
     seconds = time.perf_counter() - begin
     result = judged(session, _as_replay(session, config, fit, learned, seconds))
@@ -104,7 +102,7 @@ def _learned(n: int, freeze_after: float | None) -> Bools:
 
 def _as_replay(session: Session, config: Config, fit: BatchFit, learned: Bools, seconds: float) -> Replay:
     """Return the fit as a replay whose parameters never change: both are then scored and written alike."""
-    estimator = Estimator(config, extension_from_config(config))
+    estimator = Estimator(config, added_terms(config))
     estimator.parameters = fit.parameters
     samples = session.samples
     begins, ends = session.starts, (*session.starts[1:], len(samples))
@@ -166,7 +164,7 @@ def _online(
 
             run = Run(
                 config,
-                extension=extension_as_met(config, samples),
+                extension=added_terms_as_met(config, samples),
                 deviation=False,
                 freeze_after=freeze_after,
                 total=len(samples),

@@ -5,11 +5,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
+from friction_estimator.added_terms import added_terms, added_terms_as_met
 from friction_estimator.cli import common, joints, loads, side_by_side
 from friction_estimator.cli.progress import progress
 from friction_estimator.cli.recorded import Described, Session, add_run_options, load, outputs, tell_theory, tell_units
 from friction_estimator.core.errors import about
-from friction_estimator.core.model.structure import Extension
 from friction_estimator.core.model.theory_choice import has_pressure, told
 from friction_estimator.core.online.record_figures import RecordFigures
 from friction_estimator.core.online.replay import Replay, check_answerable, concluded, foreseen, replay
@@ -68,21 +68,12 @@ def _run(args: argparse.Namespace, output: common.Outlet) -> joints.Outcome:
     return joints.outcome(summary, result)
 
 
-def _extension(config: Config, met: Samples | None = None) -> Extension | None:
-    """Return the terms that a diagnosis added, None where there are none; `met` opens the range where that is open."""
-    if not config.extension.terms:
-        return None
-    from friction_estimator.effects.extension import extension_as_met, extension_from_config  # noqa: PLC0415 - seldom
-
-    return extension_from_config(config) if met is None else extension_as_met(config, met)
-
-
 def _replayed(args: argparse.Namespace, session: Session) -> Replay:
     with progress("replaying", len(session.samples)) as advance:
         return replay(
             session.samples,
             session.config,
-            extension=_extension(session.config, session.samples),
+            extension=added_terms_as_met(session.config, session.samples),
             freeze_after=args.freeze_after,
             starts=session.starts,
             deviation=bool(args.out),
@@ -156,7 +147,7 @@ def judged(session: Session, result: Replay) -> Replay:
     with progress("judging", sum(len(other.samples) for other in session.others)) as advance:
         others = []
         for other in session.others:
-            extension = _extension(result.config)
+            extension = added_terms(result.config)
             others.append(result.judge(other.bags[0], other.samples, extension))
             advance(len(other.samples))
     return replace(result, others=tuple(others))

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from friction_estimator.added_terms import added_terms
 from friction_estimator.core.intake.pairing import FRICTION, VELOCITY
 from friction_estimator.core.online.estimator import Estimator
 from friction_estimator.core.online.first_contact import NO_SAMPLES, refined
@@ -13,11 +14,7 @@ from friction_estimator.ros.stream import SampleStream
 
 def build(config: Config) -> Estimator:
     """Return the estimator of a configuration, with the terms that a diagnosis added."""
-    if not config.extension.terms:
-        return Estimator(config)
-    from friction_estimator.effects.extension import extension_from_config  # noqa: PLC0415 - seldom needed
-
-    return Estimator(config, extension_from_config(config))
+    return Estimator(config, added_terms(config))
 
 
 def without_learned(config: Config) -> Config:

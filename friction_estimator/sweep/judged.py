@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from friction_estimator.added_terms import added_terms, added_terms_as_met
 from friction_estimator.core import metrics
 from friction_estimator.core.errors import UnanswerableError, about
 from friction_estimator.core.fit.baselines import StaticCurve
@@ -16,7 +17,6 @@ from friction_estimator.core.intake.strokes import reversal_speed, reversals
 from friction_estimator.core.online.replay import replay
 from friction_estimator.core.sample import Bools, Floats, Samples
 from friction_estimator.core.settings.config import PARAMETERS, Config
-from friction_estimator.effects.extension import extension_as_met, extension_from_config
 from friction_estimator.sweep.job import FEWEST_BLOCKS, MOST_BLOCKS, Job
 from friction_estimator.sweep.recall import Admitted, keep_only, recalled
 from friction_estimator.tasks.identity import File
@@ -51,7 +51,7 @@ def row_of(job: Job) -> dict[str, Any]:
 
 def _held_out(job: Job, learned: Admitted, config: Config) -> dict[str, Any]:
     samples = learned.samples
-    extension = extension_as_met(config, samples)
+    extension = added_terms_as_met(config, samples)
     result = replay(samples, config, extension=extension, freeze_after=job.learned_share)
     first = int(np.count_nonzero(result.learned)) if config.model.adapt else round(job.learned_share * len(samples))
     part = slice(first, None)
@@ -65,7 +65,7 @@ def _held_out(job: Job, learned: Admitted, config: Config) -> dict[str, Any]:
 
 def _elsewhere(job: Job, learned: Admitted, config: Config) -> dict[str, Any]:
     samples = learned.samples
-    result = replay(samples, config, extension=extension_as_met(config, samples))
+    result = replay(samples, config, extension=added_terms_as_met(config, samples))
     rivals = _curves(learned, result.samples)
     rows = []
     for other in job.others:
@@ -74,7 +74,7 @@ def _elsewhere(job: Job, learned: Admitted, config: Config) -> dict[str, Any]:
             if admitted.motion != learned.motion:
                 raise UnanswerableError(f"{other.path} is {admitted.motion}, {job.recording.path} {learned.motion}")
             judged = admitted.samples
-            predicted = result.predict(judged, extension_from_config(result.config))
+            predicted = result.predict(judged, added_terms(result.config))
             scored = metrics.settled(judged.restart, LONGEST_MEMORY)
             known = result.estimator.model.load.known_N(judged)
             rows.append(_judged(other, judged, judged.friction_N + known, predicted, scored, rivals))
