@@ -247,6 +247,21 @@ def test_noise_under_a_smooth_channel_is_measured_at_every_scale(deviation: floa
     assert noise_under(np.sin(2 * np.pi * time), restart) is None
 
 
+@pytest.mark.parametrize("before", [0.0, 1.0, -0.9])
+def test_a_channel_that_moves_fast_adds_nothing_to_its_noise(before: float) -> None:
+    """Ten cycles a second of a hundred times the noise, which may hang on the sample before."""
+    time = np.arange(20_000) * 0.005
+    white = np.random.default_rng(5).standard_normal(time.size + 1)
+    noise = (white[1:] + before * white[:-1]) / np.hypot(1.0, before)
+    amplitude = 100.0 if before <= 0.0 else 10.0
+    measured = noise_under(amplitude * np.sin(20 * np.pi * time) + noise, np.zeros(time.size, np.bool_))
+    assert measured is not None
+    value, low, high = measured
+    assert value == pytest.approx(1.0, abs=0.06)  # three standard errors; from all frequencies alike it was 1.11
+    assert low < 1.0 < high
+    assert high - low < 0.15
+
+
 @pytest.mark.parametrize("deviation", [1e-6, 1e-2, 5e-2])
 def test_a_noisy_channel_is_smoothed_better_than_any_one_window_does(deviation: float) -> None:
     """It has corners, where a window must be short, and goes smoothly elsewhere."""

@@ -119,8 +119,8 @@ def local_scale(features: Features, used: Bools, residual: Floats) -> Floats:
 def noise_under(values: Floats, restart: Bools, blocks: int = 12) -> tuple[float, float, float] | None:
     """Return the deviation of the noise on a smooth channel and its 95 % interval, or None where there is none.
 
-    By third differences, which a smooth channel does not have: for white noise of variance s^2 they have variance
-    20 s^2 and correlation -3/4 from one to the next. The interval is that of the mean over parts of the record.
+    By third differences, of which a smooth channel has few: for white noise of variance s^2 they have variance 20 s^2
+    and correlation -3/4 from one to the next. The interval is that of the mean over parts of the record.
     """
     third = values[3:] - 3.0 * values[2:-1] + 3.0 * values[1:-2] - values[:-3]
     third = third[~(restart[3:] | restart[2:-1] | restart[1:-2])]
@@ -159,13 +159,15 @@ def unrepeated_N2(view: DataView) -> float:
 def noise_power(third: Floats) -> float:
     """Return the variance of the noise under third differences.
 
-    White noise gives autocovariances 20, -15, 6, -1 times its variance; noise correlated at lag one with r adds
-    r times those shifted to both sides. Both are fitted to lags 0 to 4 by least squares.
+    Noise of variance s^2 and correlation r from one sample to the next has the spectrum s^2 (1 + 2 r cos w), of which
+    third differences make (2 sin(w / 2))^6 times that. s^2 and 2 r s^2 are fitted to their periodogram by least
+    squares, from half of the highest frequency on: below lies what a moving channel leaves.
     """
-    lags = np.array([float(np.mean(third[k:] * third[: third.size - k])) for k in range(5)])
-    white = np.array([20.0, -15.0, 6.0, -1.0, 0.0])
-    both = np.array([-30.0, 26.0, -16.0, 6.0, -1.0])
-    fitted = np.linalg.lstsq(np.column_stack([white, both]), lags, rcond=None)[0]
+    periodogram = np.square(np.abs(np.fft.rfft(third))) / third.size
+    w = 2.0 * np.pi * np.arange(periodogram.size) / third.size
+    high = w >= 0.5 * np.pi
+    spectrum = periodogram[high] / np.power(2.0 * np.sin(0.5 * w[high]), 6.0)
+    fitted = np.linalg.lstsq(np.column_stack([np.ones(spectrum.size), np.cos(w[high])]), spectrum, rcond=None)[0]
     return float(max(fitted[0], 0.0))
 
 
