@@ -58,12 +58,16 @@ class Sought:
     def _scanned(
         self, terms: Sequence[Term], base: Coefficients, reference: Reference, features: Features
     ) -> dict[str, float]:
-        """Return the parameters of what changes the base's own columns at which everything else fits best."""
+        """Return the parameters of what changes the base's own columns at which everything else fits best.
+
+        Where a share of something is refined, too, all of it is tried at the points of the effect's grid far from
+        the bracket: without it another minimum may look better to the screening, and no step leads from there to here.
+        """
         effect, params = terms[-1].effect, dict(terms[-1].params)
         name, scan = effect.refined[0], self._scan()
 
-        def fitted(value: float) -> Coefficients:
-            trial = [*terms[:-1], replace(terms[-1], params=params | {name: value})]
+        def fitted(value: float, shares: dict[str, float] = {}) -> Coefficients:  # noqa: B006 - never written to
+            trial = [*terms[:-1], replace(terms[-1], params=params | {name: value} | shares)]
             return scan(trial, self._columns(trial, reference, features), base)
 
         if effect.delays:
@@ -71,7 +75,14 @@ class Sought:
             memory, step = self._base.problem.mean_delay, self._context.step_s
             return params | {name: best_time(fitted, base, memory, step, ahead, longest, params[name])}
         low, high = effect.bracket(name, params[name], self._context)
-        return params | {name: over_bends(lambda v: fitted(v).cost, low, high)}
+        value, shares = over_bends(lambda v: fitted(v).cost, low, high), dict[str, float]()
+        if effect.shares:
+            everything = dict.fromkeys(effect.shares, 1.0)
+            width = high / low
+            elsewhere = [p[name] for p in effect.grid(self._context) if not low / width <= p[name] <= high * width]
+            tried = [(value, shares), *((other, everything) for other in elsewhere)]
+            value, shares = min(tried, key=lambda one: fitted(*one).cost)
+        return params | {name: value} | shares
 
     def _searched(
         self, terms: Sequence[Term], base: Coefficients, reference: Reference, features: Features

@@ -54,7 +54,10 @@ class LastFew:
         kept = self._made.get(key)
         if kept is None:
             made = _frozen(make())
-            while self._made and len(self._made) >= min(KEPT, KEPT_BYTES // max(1, made.nbytes)):
+            if made.nbytes > KEPT_BYTES:
+                return made
+            room = KEPT_BYTES - made.nbytes
+            while len(self._made) >= KEPT or sum(one.nbytes for _, one in self._made.values()) > room:
                 del self._made[next(iter(self._made))]
             kept = self._made[key] = arrays, made
         return kept[1]
@@ -104,4 +107,4 @@ class VelocityAxis:
         """Return `shares` of velocities that nobody asks for again: nothing of it is kept."""
         out = np.empty(velocity_m_s.size)
         _shares(velocity_m_s, slowest_m_s, self.bend_m_s, REACH, out)
-        return out
+        return _frozen(out)

@@ -26,6 +26,9 @@ AGREE = 2.0
 
 FEWEST_DIFFERENCES = 100
 
+WEIGHINGS, LOWEST_SPECTRUM = 4, 0.1
+"""Fits of a noise's spectrum, and the share of its mean below which what was fitted weighs no more."""
+
 WINDOWS = (5, 11, 25, 51, 101, 201)
 """Samples of running medians."""
 
@@ -161,13 +164,20 @@ def noise_power(third: Floats) -> float:
 
     Noise of variance s^2 and correlation r from one sample to the next has the spectrum s^2 (1 + 2 r cos w), of which
     third differences make (2 sin(w / 2))^6 times that. s^2 and 2 r s^2 are fitted to their periodogram by least
-    squares, from half of the highest frequency on: below lies what a moving channel leaves.
+    squares, from half of the highest frequency on: below lies what a moving channel leaves. The periodogram scatters as
+    much as it is high, so what was fitted weighs the next fit (Whittle's likelihood, by its scores).
     """
     periodogram = np.square(np.abs(np.fft.rfft(third))) / third.size
     w = 2.0 * np.pi * np.arange(periodogram.size) / third.size
     high = w >= 0.5 * np.pi
     spectrum = periodogram[high] / np.power(2.0 * np.sin(0.5 * w[high]), 6.0)
-    fitted = np.linalg.lstsq(np.column_stack([np.ones(spectrum.size), np.cos(w[high])]), spectrum, rcond=None)[0]
+    if not np.isfinite(spectrum).all():
+        return 0.0
+    shapes, weight = np.column_stack([np.ones(spectrum.size), np.cos(w[high])]), np.ones(spectrum.size)
+    for _ in range(WEIGHINGS):
+        fitted = np.linalg.lstsq(shapes * weight[:, None], spectrum * weight, rcond=None)[0]
+        lowest = max(LOWEST_SPECTRUM * abs(float(fitted[0])), float(np.finfo(np.float64).tiny))
+        weight = 1.0 / np.maximum(shapes @ fitted, lowest)
     return float(max(fitted[0], 0.0))
 
 
