@@ -396,7 +396,7 @@ def test_a_unit_rises_where_deviations_differ_by_more_orders_than_a_number_has_d
 
 def test_where_units_are_far_too_small_it_stays_usable(monkeypatch):
     """A first contact with creep, then a million times the speed: the basis stays bounded, the model stays finite."""
-    monkeypatch.setattr(basis_module, "LARGEST_BASIS", 1000)  # the usual bound takes ten times as long to reach
+    monkeypatch.setattr(basis_module, "LARGEST_BASIS", 1000)  # the usual bound, 4096, takes 20 s to reach
     config = Config.from_mapping(
         {
             "learned.velocity_range": [-1e-6, 1e-6],

@@ -399,7 +399,7 @@ def results_of(plan, found):
 
 
 def test_what_is_judged_is_written_into_one_page_with_figures(found, tmp_path):
-    plan = Plan(2, 30.0, 100.0)
+    plan = Plan(2, 30.0, 200.0)
     study, claims = judge(plan, results_of(plan, found))
     text = to_json({"schema": SCHEMA, "claims": claims})
     out = tmp_path / "out"

@@ -66,23 +66,24 @@ class Sought:
         effect, params = terms[-1].effect, dict(terms[-1].params)
         name, scan = effect.refined[0], self._scan()
 
-        def fitted(value: float, shares: dict[str, float] = {}) -> Coefficients:  # noqa: B006 - never written to
-            trial = [*terms[:-1], replace(terms[-1], params=params | {name: value} | shares)]
+        def at(place: dict[str, float]) -> Coefficients:
+            trial = [*terms[:-1], replace(terms[-1], params=params | place)]
             return scan(trial, self._columns(trial, reference, features), base)
+
+        def fitted(value: float) -> Coefficients:
+            return at({name: value})
 
         if effect.delays:
             ahead, longest = effect.late_s({name: 1.0}) < 0.0, longest_time_s(self._context)
             memory, step = self._base.problem.mean_delay, self._context.step_s
             return params | {name: best_time(fitted, base, memory, step, ahead, longest, params[name])}
         low, high = effect.bracket(name, params[name], self._context)
-        value, shares = over_bends(lambda v: fitted(v).cost, low, high), dict[str, float]()
+        places = [{name: over_bends(lambda v: fitted(v).cost, low, high)}]
         if effect.shares:
-            everything = dict.fromkeys(effect.shares, 1.0)
-            width = high / low
-            elsewhere = [p[name] for p in effect.grid(self._context) if not low / width <= p[name] <= high * width]
-            tried = [(value, shares), *((other, everything) for other in elsewhere)]
-            value, shares = min(tried, key=lambda one: fitted(*one).cost)
-        return params | {name: value} | shares
+            everything, width = dict.fromkeys(effect.shares, 1.0), high / low
+            values = [point[name] for point in effect.grid(self._context)]
+            places += [{name: v} | everything for v in values if not low / width <= v <= high * width]
+        return params | min(places, key=lambda place: at(place).cost)
 
     def _searched(
         self, terms: Sequence[Term], base: Coefficients, reference: Reference, features: Features

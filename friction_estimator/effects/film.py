@@ -211,6 +211,6 @@ def _more_on(film_m_s: Floats, velocity_m_s: Floats, pressure_Pa: Floats, rest: 
     r, slowest, out = reference, LEAST_FILM * reference.sign_velocity_m_s, np.empty(film_m_s.size)
     parts = (FORCE, BOUNDARY, SHEAR)
     there = r.once(film_m_s, pressure_Pa, *parts)
-    here = tuple(r.of_speed(part, velocity_m_s, pressure_Pa, slowest) for part in parts)
+    here = tuple(r.part(part, velocity_m_s, pressure_Pa, slowest) for part in parts)
     on_film(velocity_m_s, film_m_s, r.sign_velocity_m_s, rest, there, here, out)
     return out

@@ -171,13 +171,16 @@ class Reference:
         """Velocity at which the asinh spacing bends."""
         return self.axis.bend_m_s
 
-    def part(self, which: int, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
-        """Return FORCE, VISCOUS, BOUNDARY or SHEAR at the given points, (n,), N; not to be written to."""
+    def part(self, which: int, velocity_m_s: Floats, pressure_Pa: Floats, slowest_m_s: float = 0.0) -> Floats:
+        """Return FORCE, VISCOUS, BOUNDARY or SHEAR at the given points, (n,), N; not to be written to.
+
+        Where `slowest_m_s` is given it is that at the speeds, none of them as lower.
+        """
 
         def make() -> Floats:
-            return self._looked_up(which, self.axis.shares(velocity_m_s), pressure_Pa)
+            return self._looked_up(which, self.axis.shares(velocity_m_s, slowest_m_s), pressure_Pa)
 
-        return self._last(str(which), (velocity_m_s, pressure_Pa), make)
+        return self._last(f"{which} from {slowest_m_s!r}", (velocity_m_s, pressure_Pa), make)
 
     def force(self, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
         """Return F(v, p), (n,), N; not to be written to."""
@@ -187,14 +190,6 @@ class Reference:
         """Return some `part` each at points that nobody asks for again: nothing of it is kept."""
         share = self.axis.shares_once(velocity_m_s)
         return tuple(self._looked_up(part, share, pressure_Pa) for part in which)
-
-    def of_speed(self, which: int, velocity_m_s: Floats, pressure_Pa: Floats, slowest_m_s: float) -> Floats:
-        """Return `part` at the speed, (n,), N, nowhere at a lower one; not to be written to."""
-
-        def make() -> Floats:
-            return self._looked_up(which, self.axis.shares(velocity_m_s, slowest_m_s), pressure_Pa)
-
-        return self._last(f"{which} from {slowest_m_s!r}", (velocity_m_s, pressure_Pa), make)
 
     def force_within(self, previous_m_s: Floats, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
         """Return F(v, p) in parts of the way to each sample in which it is straight, N: (n,) or longer.
