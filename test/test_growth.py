@@ -380,13 +380,14 @@ def test_it_stops_at_the_largest_basis(monkeypatch):
     assert other.work.status[workspace.MAY_GROW] == 0
 
 
-def test_a_unit_rises_where_deviations_differ_by_more_orders_than_a_number_has_digits():
+@pytest.mark.parametrize("levels", [(-3, 6), (-1, 9)])
+def test_a_unit_rises_where_deviations_differ_by_more_orders_than_a_number_has_digits(levels):
     time_s = np.arange(2500) * 1e-3
     noise = time_s < 2.0  # the first contact is with noise: range and unit are too small
     speed = 0.02 * np.exp(0.4 * time_s) * np.sin(2.6 * np.pi * time_s)
     velocity = np.where(noise, 1e-3 * np.sin(9.0 * time_s), speed)
     friction = np.where(noise, 0.01 * np.tanh(velocity / 1e-5), 3.0 * np.tanh(velocity / 2e-3) + 6.0 * velocity)
-    steep = {"prior.weight_slope": 8.0, "basis.finest_level": -3, "basis.coarsest_level": 6}
+    steep = {"prior.weight_slope": 8.0, "basis.finest_level": levels[0], "basis.coarsest_level": levels[1]}
     run = Run(Config.from_mapping(steep | {"model.type": "hammerstein", "theory.kind": "none"}))
     run.push(Samples((time_s * NS_PER_S).astype(np.int64), velocity, friction, time_s == 0.0))
     assert run.estimator.health.grown > 0

@@ -34,6 +34,9 @@ CELLS_PER_UNIT = 4
 WIDEST = 128.0
 """Basis units by which `widened` goes beyond an edge at the most."""
 
+LEAST_SCALE = 2.0**-32
+"""Least prior deviation of a weight against those of the coarsest level: the default slope over 21 levels."""
+
 
 class Basis(Protocol):
     """A basis of functions of velocity with a bounded number of non-zeros at every point."""
@@ -360,8 +363,12 @@ class WaveletBasis:
         return (velocity_m_s >= self.low) & (velocity_m_s <= self.high)
 
     def prior_scale(self, slope: float) -> Floats:
-        """Return the relative prior standard deviation of each weight, (size,): 2^(slope (m - M)), a smooth g."""
-        return np.asarray(2.0 ** (slope * (self.level_of - self.levels[-1])))
+        """Return the relative prior standard deviation of each weight, (size,): 2^(slope (m - M)), a smooth g.
+
+        None is less than `LEAST_SCALE`: such a weight stays at 0 anyhow, and squares of less than rounding are no
+        covariance.
+        """
+        return np.asarray(np.maximum(2.0 ** (slope * (self.level_of - self.levels[-1])), LEAST_SCALE))
 
 
 for _order in range(1, 9):
