@@ -335,6 +335,32 @@ class Candidates:
                 return i, fewer
         return None
 
+    def reformed(self, model: Model, least_N2: float) -> tuple[int, Model] | None:
+        """Return the place of a term and the model with its best other form, or None.
+
+        It must explain at least this much, and more than its further parameters do by chance.
+        """
+        loss = float(model.loss.sum())
+        best: tuple[float, int, Model] | None = None
+        for i, term in enumerate(model.joint.terms):
+            for form in () if term.effect.delays else term.effect.variants(term.params):
+                if form == term.params:
+                    continue
+                terms = [*model.joint.terms]
+                terms[i] = Term(term.effect, dict(form))
+                joint = self._fit(terms, model.joint.coefficients, search=False)
+                belied = term.effect.belied(form, joint.parts_N[i], joint.features, joint.reference)
+                if belied or not signs_kept(joint):
+                    continue
+                other = self._judged(joint)
+                gain = loss - float(other.loss.sum())
+                more = max(joint.terms[i].weights.size - term.weights.size, 1)
+                if gain < max(least_N2, PLAIN * more * float(other.loss.sum()) / joint.coefficients.count):
+                    continue
+                if (best is None or gain > best[0]) and self._known_sign(other, i):
+                    best = gain, i, other
+        return None if best is None else best[1:]
+
     def without(self, model: Model, i: int) -> Model:
         """Return the model without one of its terms, the others refined from where they are."""
         return self._judged(self._fit.without(model.joint, i))

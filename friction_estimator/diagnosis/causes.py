@@ -22,6 +22,11 @@ SMALL_SHARE = 0.02
 nearly all, what their forms leave looks like a small one (decision 0189)."""
 
 
+MISFIT_SHARE, MISFIT_LEFT = 0.01, 0.75
+"""Share of the largest cause's gain that the form of that cause may lack, and of what is left: what a cause as small
+must bring (decision 0198)."""
+
+
 @dataclass(frozen=True)
 class Cause:
     """A named cause.
@@ -62,6 +67,23 @@ def least_further_N2(share: float, power_N2: float, causes: Sequence[Cause]) -> 
     """
     alone = power_N2 + sum(cause.gain for cause in causes)
     return max(share * power_N2, min(LEAST_SHARE * alone, SMALL_SHARE * power_N2))
+
+
+def as_misfit(causes: Sequence[Cause], left_N2: float) -> int | None:
+    """Return the place of the smallest cause if it may be what the form of the largest one lacks; None otherwise.
+
+    It is where it brings less than `MISFIT_SHARE` of the largest one's gain, and less than `MISFIT_LEFT` of what is
+    left beside all of them.
+
+    >>> two = [Cause("backlash", None, 900.0, ()), Cause("squeeze_film", None, 3.0, ())]
+    >>> as_misfit(two, 4.1), as_misfit(two, 3.9), as_misfit(two[:1], 9999.0)
+    (1, None, None)
+    """
+    place = min(range(len(causes)), key=lambda i: causes[i].gain, default=None)
+    if place is None:
+        return None
+    largest = max(cause.gain for cause in causes)
+    return place if causes[place].gain < min(MISFIT_SHARE * largest, MISFIT_LEFT * left_N2) else None
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,11 @@ class Comparison:
             return None
         best = plainest(max(fits.values(), key=lambda c: c.gain), list(fits.values()))
         best = self._measured(model, best, list(fits.values()), causes)
-        best = self._fits.resettled(model, self._ahead(self._fits.shaped(model, best), fits, plain))
+        best = self._fits.shaped(model, best)
+        options = self._options(best, fits, plain)
+        if len(options) > 1 and any(self._guards.brings_share(model, option, causes) for option in options):
+            best = self._ahead(options)
+        best = self._fits.resettled(model, best)
         found = alike(view.evidence, view.library, best.model.joint.parts_N[-1], CONTENDER)
         for name in [n for n in closest(found, SET_ERRORS, SET_SHARE) if n not in plain and n not in out][:MOST_ALIKE]:
             one_more = self._fits(model, name, found[name].params)
@@ -110,16 +114,17 @@ class Comparison:
                 return one
         return best
 
-    def _ahead(self, best: Candidate, fits: Mapping[str, Candidate], plain: Mapping[str, Candidate]) -> Candidate:
-        """Return the candidate that explains most together with the cause that would come after it.
+    def _options(
+        self, best: Candidate, fits: Mapping[str, Candidate], plain: Mapping[str, Candidate]
+    ) -> list[Candidate]:
+        """Return the candidates of which one may be the cause, the best one first.
 
-        Looked at only where another family or time of the whole force comes close, or the best one in its `plain` form,
+        Others only where another family or time of the whole force comes close, or the best one in its `plain` form,
         and the best one leaves more than noise: another form of a cause may make up for half of what a second cause
-        does. What was recorded is not given up for what nobody saw. A cause more must bring its share, and a parameter
-        more what it brings beyond chance.
+        does. What was recorded is not given up for what nobody saw.
         """
         if best.effect.recorded:
-            return best
+            return [best]
         close = [
             c
             for c in sorted(fits.values(), key=lambda c: -c.gain)
@@ -129,9 +134,15 @@ class Comparison:
         first = plain.get(best.name, best)
         options = [best] if first is best else [best, first]
         options += close[: OPTIONS - len(options)]
-        if not options[1:] or self._views.left_N2(best.model) < SECOND_SHARE * best.gain:
-            return best
-        return max(options, key=lambda c: self._worth(c, best))
+        noise = self._views.left_N2(best.model) < SECOND_SHARE * best.gain
+        return [best] if noise else options
+
+    def _ahead(self, options: Sequence[Candidate]) -> Candidate:
+        """Return the one that explains most together with the cause that would come after it.
+
+        A cause more must bring its share, and a parameter more what it brings beyond chance.
+        """
+        return max(options, key=lambda option: self._worth(option, options[0]))
 
     def _worth(self, option: Candidate, best: Candidate) -> float:
         """Return the gain of an option with the best cause after it, less what further parameters bring by chance."""

@@ -174,11 +174,13 @@ class OnFilm:
     ----------
     share : of a column that does. features : at the film's speed, in the direction of now.
     factor : (n,), S(v) / S(u): what sets the force's sign, the velocity of now, does not lag.
+    even_factor : (n,), the same of what differs between the directions: by that in which the film was built.
     """
 
     share: float
     features: Features
     factor: Floats
+    even_factor: Floats
 
 
 class OwnColumns:
@@ -307,10 +309,10 @@ def on_film(term: Term, features: Features, reference: Reference) -> OnFilm | No
     made = term.effect.film(term.params, features, reference)
     if made is None:
         return None
-    share, speed = made
     v = features.velocity_m_s
-    moved = replace(features, velocity_m_s=np.sign(v) * speed)
-    return OnFilm(share, moved, np.abs(reference.smooth_sign(v)) / reference.smooth_sign(speed))
+    moved = replace(features, velocity_m_s=np.sign(v) * made.speed_m_s)
+    factor = np.abs(reference.smooth_sign(v)) / reference.smooth_sign(made.speed_m_s)
+    return OnFilm(made.share, moved, factor, factor if made.way is None else factor * made.way * np.sign(v))
 
 
 def _film_change(problem: BaseProblem, term: Term, features: Features, theory: Reference) -> Iterator[Floats]:

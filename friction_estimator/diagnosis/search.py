@@ -1,14 +1,14 @@
 """The search for causes: screen, compare by joint refit, guard, name, until nothing passes the gate."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import Capacity
 from friction_estimator.diagnosis.candidate import Candidate, Model, equals, gain_parts
 from friction_estimator.diagnosis.capacity import in_words, wider
-from friction_estimator.diagnosis.causes import LATER_SHARE, Cause, Search
+from friction_estimator.diagnosis.causes import LATER_SHARE, Cause, Search, as_misfit
 from friction_estimator.diagnosis.comparison import Comparison
 from friction_estimator.diagnosis.guards import FORMS_SHARE, Guards
 from friction_estimator.diagnosis.record import Record
@@ -21,6 +21,12 @@ MOST_CAUSES = 5
 
 MOST_REFUSED = 3
 """Best candidates in a row that may be refused before the search ends."""
+
+REFORMS = 3
+"""Causes that may be given another form when nothing more passes."""
+
+REFORM_SHARE = 0.5
+"""Of what is left above the noise floor: what the other form of a cause must explain."""
 
 Progress = Callable[[str, float], None]
 
@@ -39,6 +45,18 @@ class _Refused:
     weak: bool
     unsized: bool
     doubtful: bool
+
+
+@dataclass
+class _Found:
+    """What a search has found so far: see `Search`; `dropped` were named and became needless."""
+
+    models: list[Model]
+    causes: list[Cause] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    asked: list[str] = field(default_factory=list)
+    dropped: set[str] = field(default_factory=set)
+    refused: list[_Refused] = field(default_factory=list)
 
 
 class Searcher:
@@ -67,12 +85,32 @@ class Searcher:
     def __call__(self, progress: Progress) -> Search:
         """Find the causes, until nothing passes the gate."""
         progress("base model", 0.1)
-        models = [self.fits.base()]
-        causes: list[Cause] = []
-        warnings: list[str] = []
-        asked: list[str] = []
-        dropped = set[str]()
-        refused: list[_Refused] = []
+        found = _Found([self.fits.base()])
+        self._extend(found, progress)
+        if self._reform(found):
+            self._extend(found, progress)
+        doubtful = [r.one for r in found.refused if r.doubtful]
+        while (place := as_misfit(found.causes, self.views.left_N2(found.models[-1]))) is not None:
+            doubtful = self._drop(found, place)
+        causes, models, view = found.causes, found.models, self.views.of(found.models[-1])
+        left = self.views.left_N2(models[-1])
+        steps = zip(causes, models, models[1:], strict=False)
+        causes = [replace(one, apart=self._apart_by(fewer, more, left)) for one, fewer, more in steps]
+        causes = self._beside_refused(models[-1], causes, doubtful)
+        return Search(
+            self.views.problem,
+            tuple(cause.within(left) for cause in causes),
+            tuple(m.joint for m in models),
+            view.gates,
+            tuple(found.warnings),
+            tuple(found.asked),
+            view.evidence,
+            view.screened,
+        )
+
+    def _extend(self, so_far: "_Found", progress: Progress) -> None:
+        """Name causes beside those that there are, until nothing passes the gate."""
+        causes, models, refused = so_far.causes, so_far.models, so_far.refused
         while True:
             model = models[-1]
             progress(f"screening for cause {len(causes) + 1}", 0.15 + 0.12 * len(causes))
@@ -80,17 +118,18 @@ class Searcher:
             found = None
             if len(causes) < MOST_CAUSES:
                 progress(f"comparing causes {len(causes) + 1}", 0.2 + 0.12 * len(causes))
-                found = self.comparison.winner(model, causes, {*asked, *(r.one.name for r in refused), *dropped})
-            if not causes and not refused and len(warnings) < 2:
+                out = {*so_far.asked, *(r.one.name for r in refused), *so_far.dropped}
+                found = self.comparison.winner(model, causes, out)
+            if not causes and not refused and len(so_far.warnings) < 2:
                 capacity, lack = wider(model.joint, view.evidence)
                 gained = found[0].gain if found else 0.0
                 if capacity is not None and lack > max(3.0 * view.thresholds[0], view.least, gained):
-                    warnings.append(in_words(self.views.problem.capacity, capacity))
+                    so_far.warnings.append(in_words(self.views.problem.capacity, capacity))
                     self._starts_with(capacity)
-                    models = [self.fits.base()]
+                    models[:] = [self.fits.base()]
                     continue
             if found is None:
-                break
+                return
             best, rivals, behind = found
             by_data = best.held_N2 > view.needed.get(best.name, view.least)
             weaker = [r.one for r in refused if r.weak]
@@ -99,10 +138,10 @@ class Searcher:
                 unsized = by_data and not sized and not weak
                 refused.append(_Refused(best, weak, unsized, sized and self.guards.brings_share(model, best, causes)))
                 if len(refused) == MOST_REFUSED:
-                    break
+                    return
                 continue
             if best.effect.channel and best.effect.channel not in self.views.context.channels:
-                asked.append(best.name)
+                so_far.asked.append(best.name)
                 continue
             p_value = view.p_value(best.effect, best.held_N2) if by_data else None
             # What explains as much, but of a size that the record does not tell, is not named; nor is it ruled out. Of
@@ -118,41 +157,46 @@ class Searcher:
             self.views.keep_only(best.model)
             refused.clear()
             while (needless := self.fits.superfluous(models[-1], FORMS_SHARE, LATER_SHARE)) is not None:
-                place, last = needless
-                dropped.add(causes[place].name)
-                causes, models = self._without(place, last, causes, models)
-                self.views.keep_only(models[-1])
-        left = self.views.left_N2(models[-1])
-        steps = zip(causes, models, models[1:], strict=False)
-        causes = [replace(one, apart=self._apart_by(fewer, more, left)) for one, fewer, more in steps]
-        causes = self._beside_refused(models[-1], causes, [r.one for r in refused if r.doubtful])
-        return Search(
-            self.views.problem,
-            tuple(cause.within(left) for cause in causes),
-            tuple(m.joint for m in models),
-            view.gates,
-            tuple(warnings),
-            tuple(asked),
-            view.evidence,
-            view.screened,
-        )
+                place, fewer = needless
+                so_far.dropped.add(causes.pop(place).name)
+                self._chain(so_far, place, fewer)
 
-    def _without(
-        self, i: int, last: Model, causes: list[Cause], models: list[Model]
-    ) -> tuple[list[Cause], list[Model]]:
-        """Return causes and models without a cause, each cause after it with its gain over the model before it.
+    def _reform(self, found: "_Found") -> bool:
+        """Give causes other forms, which explain more beside the others, if there are such; return whether there are.
 
-        `last` is the last model without it.
+        A form was chosen before the later causes were known.
         """
-        between, one = [last], last
-        while len(one.joint.terms) > i + 1:
-            one = self.fits.without(one, len(one.joint.terms) - 1)
-            between.insert(0, one)
-        models = [*models[: i + 1], *between]
-        after = [
-            replace(cause, gain=sum(gain_parts(models[k], models[k + 1]))) for k, cause in enumerate(causes[i + 1 :], i)
+        for number in range(REFORMS):
+            model = found.models[-1]
+            left = self.views.left_N2(model)
+            enough = len(found.causes) > 1 and left > LATER_SHARE * float(model.loss.sum())
+            other = self.fits.reformed(model, REFORM_SHARE * left) if enough else None
+            if other is None:
+                return number > 0
+            self._chain(found, *other)
+            found.refused.clear()
+        return True
+
+    def _drop(self, found: "_Found", place: int) -> list[Candidate]:
+        """Take a cause away; return it as a candidate beside the others."""
+        term = found.models[-1].joint.terms[place]
+        found.causes.pop(place)
+        fewer = found.models[-2] if place == len(found.causes) else self.fits.without(found.models[-1], place)
+        self._chain(found, place, fewer)
+        beside = self.fits(fewer, term.name, term.params)
+        return [] if beside is None else [beside]
+
+    def _chain(self, found: "_Found", place: int, last: Model) -> None:
+        """Let the models end in another one, whose terms differ from that place on, with each cause's gain in it."""
+        between = [last]
+        while len(between[0].joint.terms) > place + 1:
+            between.insert(0, self.fits.without(between[0], len(between[0].joint.terms) - 1))
+        found.models[place + 1 :] = between if len(last.joint.terms) > place else []
+        found.causes[place:] = [
+            replace(cause, gain=sum(gain_parts(found.models[k], found.models[k + 1])))
+            for k, cause in enumerate(found.causes[place:], place)
         ]
-        return [*causes[:i], *after], models
+        self.views.keep_only(last)
 
     def _starts_with(self, capacity: Capacity | None = None) -> None:
         """Begin with a base model of this size."""

@@ -128,7 +128,8 @@ class TermColumns:
         lag = film_of(terms)
         film = None if lag is None or not term.effect.follows_film() else self._on_film(lag, features, reference)
         if film is not None:
-            made = _on(film, made, self._made(term, film.features, reference))
+            factor = film.even_factor if term.effect.even else film.factor
+            made = _on(film.share, factor, made, self._made(term, film.features, reference))
         if lag is not None and term.effect.carries(term.params):
             level = self._level_on_film(lag, features, reference)
             made = (m * level[part, None] for m, part in zip(made, parts(features.size), strict=True))
@@ -174,12 +175,12 @@ def _sliding(features: Features, reference: Reference) -> tuple[Features, Floats
     return forward, reference.smooth_sign(forward.velocity_m_s)
 
 
-def _on(film: OnFilm, made: Iterator[Floats], there: Iterator[Floats]) -> Iterator[Floats]:
+def _on(share: float, factor: Floats, made: Iterator[Floats], there: Iterator[Floats]) -> Iterator[Floats]:
     """Yield columns of which a share follows a film, (n_part, c), of those at the velocity and those at its speed."""
-    for now, on_it, part in zip(made, there, parts(film.factor.size), strict=True):
-        out = film.factor[part, None] * on_it
+    for now, on_it, part in zip(made, there, parts(factor.size), strict=True):
+        out = factor[part, None] * on_it
         out -= now
-        out *= film.share
+        out *= share
         out += now
         yield out
 

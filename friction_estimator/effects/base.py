@@ -79,6 +79,21 @@ EVERYWHERE, REVERSAL, SLOW = "everywhere", "reversal", "slow"
 """Values of `Effect.acts`."""
 
 
+@dataclass(frozen=True)
+class Film:
+    """The film that an effect has built.
+
+    Attributes
+    ----------
+    share : of what is not the theory's that follows it. speed_m_s : (n,), u, at which it would be there for long.
+    way : (n,), -1 to 1, the direction in which it was built; None: what differs between the directions turns at once.
+    """
+
+    share: float
+    speed_m_s: Floats
+    way: Floats | None = None
+
+
 class Effect:
     """One cause of a difference between simulation and measurement.
 
@@ -102,6 +117,7 @@ class Effect:
     reveals : the variable against which one sees the effect (a field of `Features`).
     turns : True where the effect changes its sign with the direction of motion: one sees it in the residual taken
         in that direction.
+    even : True where its force does not, and differs between the directions as the film does (`Film.way`).
     rotary : True where only a shaft that turns can have it.
     channel : recorded channel without which the effect cannot be named ("position", "pressure" or "").
     signs : sign of each column's coefficient, +1 or -1 where physics fixes it, 0 where it is free.
@@ -137,6 +153,7 @@ class Effect:
     words: ClassVar[Words]
     reveals: ClassVar[str] = "time_s"
     turns: ClassVar[bool] = False
+    even: ClassVar[bool] = False
     rotary: ClassVar[bool] = False
     channel: ClassVar[str] = ""
     signs: ClassVar[tuple[int, ...]] = (0,)
@@ -268,11 +285,8 @@ class Effect:
         return lambda parts, _: parts[-1]
 
     @classmethod
-    def film(cls, params: Params, features: Features, reference: Reference) -> tuple[float, Floats] | None:
-        """Return the share of what is not the theory's that follows the film, and the film's speed, (n,), m/s.
-
-        None where the theory alone follows it.
-        """
+    def film(cls, params: Params, features: Features, reference: Reference) -> Film | None:
+        """Return the film that friction is on, or None where the theory alone follows it."""
         raise NotImplementedError
 
     @classmethod

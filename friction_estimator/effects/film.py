@@ -8,11 +8,11 @@ import numpy as np
 
 from friction_estimator.core.quantities import VELOCITY, quantity
 from friction_estimator.core.sample import Floats
-from friction_estimator.effects.base import REVERSAL, Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.base import REVERSAL, Effect, Film, Key, Params, Words, chosen, effect, form_key
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import beyond_time, times
-from friction_estimator.effects.kernels import DELAY_LINE, LEAST_FILM, delayed, film_speed, on_film
+from friction_estimator.effects.kernels import DELAY_LINE, LEAST_FILM, delayed, film_speed, film_way, on_film
 from friction_estimator.effects.reference import BOUNDARY, FORCE, SHEAR, Reference
 from friction_estimator.effects.trace import Trace
 
@@ -172,14 +172,23 @@ class FrictionalLag(Effect):
 
     @classmethod
     def variants(cls, params: Params) -> list[dict[str, float]]:
-        """A pure delay of the film: it is thinnest one lag after the reversal, a first-order lag's sooner."""
-        return [dict(params) | {"delayed": 1.0}]
+        """A pure delay of the film, which is thinnest one lag after the reversal, a first-order lag's sooner; a film
+        that differs between the directions by the one in which it was built (decision 0199).
+        """
+        return [dict(params) | {"delayed": 1.0}, dict(params) | {"turned": 1.0}]
 
     @classmethod
-    def film(cls, params: Params, features: Features, reference: Reference) -> tuple[float, Floats] | None:
-        """Return the share of what the theory does not say that follows the film, and the film's speed, (n,), m/s."""
+    def film(cls, params: Params, features: Features, reference: Reference) -> Film | None:
+        """Return the film, if a share of what the theory does not say follows it."""
         rest = params.get("rest", 0.0)
-        return (rest, film_of(features, reference, params, np.zeros(DELAY_LINE))) if rest > 0.0 else None
+        if rest <= 0.0:
+            return None
+        speed = film_of(features, reference, params, np.zeros(DELAY_LINE))
+        if params.get("turned", 0.0) < 0.5:
+            return Film(rest, speed)
+        way = np.empty(features.size)
+        film_way(features.step_s, features.previous_m_s, features.velocity_m_s, params["lag"], speed, np.zeros(2), way)
+        return Film(rest, speed, way)
 
     @classmethod
     def level_on_film(cls, params: Params, features: Features, reference: Reference) -> Floats:

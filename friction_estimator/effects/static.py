@@ -29,6 +29,7 @@ class DirectionAsymmetry(Effect):
     name = "direction_asymmetry"
     family = "bias"
     stage = "friction"
+    even = True
     about_curve = True
     keys = (
         Key("asymmetry", "", 0.1, -1.9, 1.9, "relative difference of the friction between the directions"),
