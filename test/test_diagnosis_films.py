@@ -1,5 +1,7 @@
 """A film that lags: what follows it, in which form, and what must not be named in its place."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from diagnosis_records import names, record
@@ -13,12 +15,15 @@ from friction_estimator.diagnosis.guards import FORMS_SHARE
 from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import build_record
-from friction_estimator.effects import EFFECTS, Effect
+from friction_estimator.effects import EFFECTS, Effect, parse_effect
 from friction_estimator.rig.drive import Segment, segment
+from friction_estimator.rig.simulate import Scenario, simulate
 
 SEAL = Config.from_mapping({"theory.kind": "seal"})
 
 TWO_PERIODS = (segment(1.0, 50.0, 16.0), segment(4.0, 50.0, 24.0))
+
+UNLIKE = "direction_asymmetry:asymmetry=0.3"
 
 FOUR_SEGMENTS = tuple(segment(t, psi, s) for psi in (50.0, 200.0) for t, s in ((1.0, 10.0), (5.0, 20.0)))
 
@@ -31,6 +36,16 @@ def candidates(plant: str, *effects: str) -> Candidates:
     data = build_record([record(effects, plant=plant, segments=TWO_PERIODS)], SEAL)
     context = data.context(SEAL, float(np.abs(data.friction_N).max()))
     return Candidates(BaseProblem(data, SEAL), context, EFFECTS, 0)
+
+
+def fast(
+    plant: str, segments: tuple[Segment, ...], rate_hz: float, effects: Sequence[str] = ()
+) -> tuple[Candidates, float]:
+    """Return what fits to a record of fast strokes, in which a film's lag is many samples; and its noise, N^2."""
+    run = simulate(Scenario(segments, plant, rate_hz, 0.01, 3, tuple(parse_effect(e) for e in effects)))
+    data = build_record([run.samples], SEAL)
+    context = data.context(SEAL, float(np.abs(data.friction_N).max()))
+    return Candidates(BaseProblem(data, SEAL), context, EFFECTS, 0), float(np.square(run.noise_N[data.used]).sum())
 
 
 def test_what_the_theory_does_not_say_follows_the_film_where_it_does() -> None:
@@ -49,6 +64,37 @@ def test_what_the_theory_does_not_say_follows_the_film_where_it_does() -> None:
     assert found["rig"].terms[-1].params["lag"] == pytest.approx(0.002, rel=0.15)
     assert found["film_lag"].terms[-1].params["rest"] < 0.3
     assert found["film_lag"].terms[-1].params["lag"] == pytest.approx(0.006, rel=0.05)
+
+
+@pytest.mark.parametrize(("plant", "hidden", "turned"), [("rig", "", True), ("film_lag", UNLIKE, False)])
+def test_what_differs_between_directions_turns_with_the_film_where_it_is_the_film_s(plant, hidden, turned) -> None:
+    """The rig has another film each way, after a turn still that of the other way; a lip's grip turns at once."""
+    segments = (segment(0.5, 50.0, 2.0), segment(1.0, 50.0, 4.0))
+    fits, noise_N2 = fast(plant, segments, 1000.0, [hidden] if hidden else [])
+    start = fits(fits.base(), "direction_asymmetry", {"shape": 3.0 if turned else 0.0}).model
+    plain = fits(start, "frictional_lag", {"lag": 0.003, "rest": 1.0})
+    best = fits.shaped(start, plain)
+    assert bool(best.term.params.get("turned")) == turned
+    if turned:
+        assert best.term.params["lag"] == pytest.approx(0.002, rel=0.1)
+        assert float(plain.model.loss.sum()) > 2.0 * noise_N2
+        assert float(best.model.loss.sum()) < 1.1 * noise_N2
+
+
+def test_a_cause_takes_another_form_beside_those_that_were_found_after_it() -> None:
+    """Alone, a share of the level at each speed explains what a free even part beside it does."""
+    segments = tuple(segment(t, psi, 2.0 * t) for psi in (50.0, 200.0) for t in (0.25, 0.5))
+    fits, _ = fast("rig", segments, 2000.0)
+    mean = float(fits.problem.record.features.pressure_Pa.mean())
+    pressure = {"mean": mean, "viscous": 0.0, "curvature": 0.0, "shape": 2.0}
+    lag = {"lag": 0.002, "rest": 1.0, "turned": 1.0}
+    model = fits(fits.base(), "direction_asymmetry", {"shape": 2.0}).model
+    model = fits(fits(model, "frictional_lag", lag).model, "pressure_dependence", pressure).model
+    place, better = fits.reformed(model, 0.5 * float(model.loss.sum()))
+    assert place == 0
+    assert better.joint.terms[0].params["shape"] == 3.0
+    assert [t.name for t in better.joint.terms] == [t.name for t in model.joint.terms]
+    assert fits.reformed(model, 0.9 * float(model.loss.sum())) is None
 
 
 def test_a_film_that_is_late_by_a_delay_leaves_no_mass() -> None:

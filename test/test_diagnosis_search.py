@@ -15,7 +15,7 @@ from friction_estimator.diagnosis.gaining import gaining
 from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import build_record
-from friction_estimator.diagnosis.search import Searcher
+from friction_estimator.diagnosis.search import Searcher, _Found
 from friction_estimator.effects import EFFECTS
 from friction_estimator.rig.drive import segment
 
@@ -35,6 +35,24 @@ ONE_PRESSURE = (segment(1.0, 50.0, 20.0), segment(5.0, 50.0, 40.0))
 def test_the_set_is_what_is_hidden_and_the_plants_trait(hidden, plant, segments, found) -> None:
     result = diagnose([record(hidden, plant=plant, segments=segments)], Config())
     assert set(names(result)) == found
+
+
+@pytest.mark.parametrize("place", [0, 1])
+def test_without_one_cause_the_models_still_add_one_at_a_time(place) -> None:
+    config = Config.from_mapping({"theory.kind": "seal"})
+    data = build_record([record(["inertia:mass=0.3", "sensor_bias:bias=0.3"])], config)
+    context = data.context(config, float(np.abs(data.friction_N).max()))
+    searcher = Searcher(data, config, context, {n: EFFECTS[n] for n in ("inertia", "sensor_bias")}, 0)
+    found = _Found([searcher.fits.base()])
+    searcher._extend(found, lambda _stage, _part: None)
+    assert {c.name for c in found.causes} == {"inertia", "sensor_bias"}
+    gone = found.causes[place].name
+    (beside,) = searcher._drop(found, place)
+    assert beside.name == gone
+    assert [[t.name for t in m.joint.terms] for m in found.models] == [[], [found.causes[0].name]]
+    fewer, more = found.models
+    assert found.causes[0].gain == pytest.approx(float((fewer.loss - more.loss).sum()), rel=0.01)
+    assert [t.name for t in beside.model.joint.terms] == [found.causes[0].name, gone]
 
 
 def test_a_bias_is_named_beside_directions_that_are_unlike() -> None:
