@@ -108,7 +108,7 @@ class Searcher:
             view.screened,
         )
 
-    def _extend(self, so_far: "_Found", progress: Progress) -> None:
+    def _extend(self, so_far: _Found, progress: Progress) -> None:
         """Name causes beside those that there are, until nothing passes the gate."""
         causes, models, refused = so_far.causes, so_far.models, so_far.refused
         while True:
@@ -161,7 +161,7 @@ class Searcher:
                 so_far.dropped.add(causes.pop(place).name)
                 self._chain(so_far, place, fewer)
 
-    def _reform(self, found: "_Found") -> bool:
+    def _reform(self, found: _Found) -> bool:
         """Give causes other forms, which explain more beside the others, if there are such; return whether there are.
 
         A form was chosen before the later causes were known.
@@ -177,7 +177,7 @@ class Searcher:
             found.refused.clear()
         return True
 
-    def _drop(self, found: "_Found", place: int) -> list[Candidate]:
+    def _drop(self, found: _Found, place: int) -> list[Candidate]:
         """Take a cause away; return it as a candidate beside the others."""
         term = found.models[-1].joint.terms[place]
         found.causes.pop(place)
@@ -186,7 +186,7 @@ class Searcher:
         beside = self.fits(fewer, term.name, term.params)
         return [] if beside is None else [beside]
 
-    def _chain(self, found: "_Found", place: int, last: Model) -> None:
+    def _chain(self, found: _Found, place: int, last: Model) -> None:
         """Let the models end in another one, whose terms differ from that place on, with each cause's gain in it."""
         between = [last]
         while len(between[0].joint.terms) > place + 1:
