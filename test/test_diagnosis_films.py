@@ -75,6 +75,9 @@ def test_what_differs_between_directions_turns_with_the_film_where_it_is_the_fil
     plain = fits(start, "frictional_lag", {"lag": 0.003, "rest": 1.0})
     best = fits.shaped(start, plain)
     assert bool(best.term.params.get("turned")) == turned
+    # From the other form a search finds back.
+    forms = [dict(v) for v in best.effect.variants(best.term.params)]
+    assert {v.get("turned", 0.0) for v in forms} == ({0.0} if turned else {0.0, 1.0})
     if turned:
         assert best.term.params["lag"] == pytest.approx(0.002, rel=0.1)
         assert float(plain.model.loss.sum()) > 2.0 * noise_N2

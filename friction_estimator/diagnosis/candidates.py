@@ -149,10 +149,13 @@ class Candidates:
         return {name: value for name, (value, _) in values.items()}
 
     def moved_by(self, model: Model, one: Candidate) -> list[dict[str, float]]:
-        """Return by how much the quantities of each term of a model differ where the candidate stands beside them."""
-        terms = zip(model.joint.terms, one.model.joint.terms[:-1], strict=True)
-        both = [(self._physical(before), self._physical(after)) for before, after in terms]
-        return [{n: abs(b[n] - value) for n, value in a.items() if n in b} for a, b in both]
+        """Return by how much the quantities of each term of a model differ where the candidate stands beside them.
+
+        More may stand beside them there, and less.
+        """
+        beside = {term.name: self._physical(term) for term in one.model.joint.terms[:-1]}
+        told = [(self._physical(term), beside.get(term.name, {})) for term in model.joint.terms]
+        return [{n: abs(b[n] - value) for n, value in a.items() if n in b} for a, b in told]
 
     def apart(self, model: Model, after: Model, left_N2: float) -> dict[str, float]:
         """Return by how much the quantities of the last term differ in other fits of it that explain nearly as much.
@@ -234,12 +237,16 @@ class Candidates:
     def _candidate(self, model: Model, joint: Joint) -> Candidate | None:
         """Return the last term of a fit as a candidate beside the model, or None where it cannot be."""
         term = joint.terms[-1]
-        if not signs_kept(joint) or term.effect.spans(term.params, term.weights, self.context) is not None:
+        if not signs_kept(joint) or self._impossible(term):
             return None
         after = self._judged(joint)
         belied = term.effect.belied(term.params, joint.parts_N[-1], joint.features, joint.reference)
         one = Candidate(term.name, term.effect, after, *gain_parts(model, after), belied)
         return one if np.isfinite(one.gain) else None
+
+    def _impossible(self, term: Term) -> bool:
+        """Return whether a term's values lie beyond what the record spans."""
+        return term.effect.spans(term.params, term.weights, self.context) is not None
 
     def _judged(self, joint: Joint) -> Model:
         return Model(joint, joint.held_out_loss(self.problem.record, self.seed))
@@ -349,13 +356,14 @@ class Candidates:
                 terms = [*model.joint.terms]
                 terms[i] = Term(term.effect, dict(form))
                 joint = self._fit(terms, model.joint.coefficients, search=False)
-                belied = term.effect.belied(form, joint.parts_N[i], joint.features, joint.reference)
-                if belied or not signs_kept(joint):
+                new = joint.terms[i]
+                belied = term.effect.belied(new.params, joint.parts_N[i], joint.features, joint.reference)
+                if belied or not signs_kept(joint) or self._impossible(new):
                     continue
                 other = self._judged(joint)
                 gain = loss - float(other.loss.sum())
-                more = max(joint.terms[i].weights.size - term.weights.size, 1)
-                if gain < max(least_N2, PLAIN * more * float(other.loss.sum()) / joint.coefficients.count):
+                more = max(new.weights.size - term.weights.size, 1)
+                if not gain >= max(least_N2, PLAIN * more * float(other.loss.sum()) / joint.coefficients.count):
                     continue
                 if (best is None or gain > best[0]) and self._known_sign(other, i):
                     best = gain, i, other

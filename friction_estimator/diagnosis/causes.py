@@ -1,6 +1,6 @@
 """What a search for causes found: the causes in their order, and the models with them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from friction_estimator.diagnosis.base_problem import BaseProblem
@@ -69,20 +69,24 @@ def least_further_N2(share: float, power_N2: float, causes: Sequence[Cause]) -> 
     return max(share * power_N2, min(LEAST_SHARE * alone, SMALL_SHARE * power_N2))
 
 
-def as_misfit(causes: Sequence[Cause], left_N2: float) -> int | None:
+def as_misfit(causes: Sequence[Cause], formed: Collection[str], left_N2: float) -> int | None:
     """Return the place of the smallest cause if it may be what the form of the largest one lacks; None otherwise.
 
     It is where it brings less than `MISFIT_SHARE` of the largest one's gain, and less than `MISFIT_LEFT` of what is
     left beside all of them.
 
+    Parameters
+    ----------
+    formed : causes of which there is another form; a constant has none. left_N2 : above the noise floor.
+
     >>> two = [Cause("backlash", None, 900.0, ()), Cause("squeeze_film", None, 3.0, ())]
-    >>> as_misfit(two, 4.1), as_misfit(two, 3.9), as_misfit(two[:1], 9999.0)
+    >>> as_misfit(two, {"backlash"}, 4.1), as_misfit(two, {"backlash"}, 3.9), as_misfit(two, {"squeeze_film"}, 4.1)
     (1, None, None)
     """
     place = min(range(len(causes)), key=lambda i: causes[i].gain, default=None)
     if place is None:
         return None
-    largest = max(cause.gain for cause in causes)
+    largest = max((cause.gain for cause in causes if cause.name in formed), default=0.0)
     return place if causes[place].gain < min(MISFIT_SHARE * largest, MISFIT_LEFT * left_N2) else None
 
 

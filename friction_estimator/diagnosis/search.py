@@ -90,8 +90,9 @@ class Searcher:
         if self._reform(found):
             self._extend(found, progress)
         doubtful = [r.one for r in found.refused if r.doubtful]
-        while (place := as_misfit(found.causes, self.views.left_N2(found.models[-1]))) is not None:
-            doubtful = self._drop(found, place)
+        formed = {name for name, cls in self.views.catalogue.items() if cls.formed()}
+        while (place := as_misfit(found.causes, formed, self.views.left_N2(found.models[-1]))) is not None:
+            doubtful += self._drop(found, place)
         causes, models, view = found.causes, found.models, self.views.of(found.models[-1])
         left = self.views.left_N2(models[-1])
         steps = zip(causes, models, models[1:], strict=False)
@@ -156,10 +157,14 @@ class Searcher:
             models.append(best.model)
             self.views.keep_only(best.model)
             refused.clear()
-            while (needless := self.fits.superfluous(models[-1], FORMS_SHARE, LATER_SHARE)) is not None:
-                place, fewer = needless
-                so_far.dropped.add(causes.pop(place).name)
-                self._chain(so_far, place, fewer)
+            self._drop_needless(so_far)
+
+    def _drop_needless(self, found: _Found) -> None:
+        """Take away what later causes have made needless."""
+        while (needless := self.fits.superfluous(found.models[-1], FORMS_SHARE, LATER_SHARE)) is not None:
+            place, fewer = needless
+            found.dropped.add(found.causes.pop(place).name)
+            self._chain(found, place, fewer)
 
     def _reform(self, found: _Found) -> bool:
         """Give causes other forms, which explain more beside the others, if there are such; return whether there are.
@@ -174,6 +179,7 @@ class Searcher:
             if other is None:
                 return number > 0
             self._chain(found, *other)
+            self._drop_needless(found)
             found.refused.clear()
         return True
 

@@ -223,6 +223,11 @@ class Effect:
         return (0.0, 1.0) if name in cls.shares else (value / 2.5, value * 2.5)
 
     @classmethod
+    def formed(cls) -> bool:
+        """Return whether its cause has another functional form."""
+        return any(key.name == FORM for key in cls.keys)
+
+    @classmethod
     def variants(cls, params: Params) -> list[dict[str, float]]:  # noqa: ARG003
         """Return other shapes of the same cause, tried once it has been named."""
         return []

@@ -175,7 +175,8 @@ class FrictionalLag(Effect):
         """A pure delay of the film, which is thinnest one lag after the reversal, a first-order lag's sooner; a film
         that differs between the directions by the one in which it was built (decision 0199).
         """
-        return [dict(params) | {"delayed": 1.0}, dict(params) | {"turned": 1.0}]
+        plain = {name: value for name, value in params.items() if name not in ("delayed", "turned")}
+        return [form for form in (plain, plain | {"delayed": 1.0}, plain | {"turned": 1.0}) if form != params]
 
     @classmethod
     def film(cls, params: Params, features: Features, reference: Reference) -> Film | None:
