@@ -16,11 +16,16 @@ from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.diagnose import Diagnosis, diagnose
 from friction_estimator.diagnosis.extend import extended_config, is_offered
 from friction_estimator.documents.configuration import read_config, write_config
+from friction_estimator.effects import EFFECTS, parse_effect
 from friction_estimator.effects.extension import ExtensionTerms, extension_from_config, parse_term
+from friction_estimator.rig.drive import segment
+from friction_estimator.rig.simulate import Scenario, simulate
 
 pytestmark = pytest.mark.xdist_group("diagnosis_extended")
 
-UNITS = {"theory.kind": "seal", "basis.velocity_range": [-0.1, 0.1], "force_unit": 4.0}
+SEAL = {"theory.kind": "seal"}
+
+UNITS = {**SEAL, "basis.velocity_range": [-0.1, 0.1], "force_unit": 4.0}
 
 
 def moved(position_m: np.ndarray, step_s: float = 0.01) -> Samples:
@@ -111,6 +116,33 @@ def test_the_range_is_that_of_the_velocity_as_repaired(ripple: Diagnosis) -> Non
     config = extended_config(replace(ripple, raw=raw))
     top = float(np.abs(ripple.record.features.velocity_m_s).max())
     assert config.reach[1] == pytest.approx(1.05 * top)
+
+
+FAST = tuple(segment(*s) for s in ((0.5, 50.0, 3.0), (0.25, 50.0, 1.5), (0.5, 200.0, 3.0), (0.25, 200.0, 1.5)))
+UNLIKE = "direction_asymmetry:asymmetry=0.3"
+
+
+@pytest.mark.parametrize(
+    ("plant", "hidden", "rate_hz", "segments", "worse"),
+    [
+        # Directions that differ by another share at each speed: the shapes are spread over the speeds that were fitted.
+        ("tabulated", (), 200.0, (segment(1.0, 50.0, 8.0), segment(4.0, 50.0, 12.0)), 1.1),
+        # On a film that lags: the force that runs has the film in it, and a difference of the film's turns with it.
+        ("film_lag", (UNLIKE,), 1000.0, FAST, 1.5),
+        ("rig", (), 1000.0, FAST, 2.0),
+    ],
+)
+def test_frozen_it_predicts_as_well_as_the_fit(plant, hidden, rate_hz, segments, worse) -> None:
+    other = (segment(0.7, 120.0, 3.0), segment(1.5, 120.0, 6.0)) if segments is FAST else (segment(2.0, 50.0, 12.0),)
+    effects = tuple(parse_effect(e) for e in hidden)
+    learned, judged = (simulate(Scenario(s, plant, rate_hz, 0.01, 3, effects)).samples for s in (segments, other))
+    traits = ("direction_asymmetry", "frictional_lag", "pressure_dependence")
+    found = diagnose([learned], Config.from_mapping(SEAL), catalogue={name: EFFECTS[name] for name in traits})
+    assert found.total_gain is not None
+    frozen = extended_config(found).updated({"model.adapt": False})
+    for samples in (learned, judged):
+        figures = replay(samples, frozen, extension=extension_from_config(frozen)).figures()
+        assert figures["nrmse"] < worse * found.total_gain.nrmse_after
 
 
 def test_a_model_that_does_not_gain_on_held_out_data_is_not_offered(ripple: Diagnosis) -> None:

@@ -25,6 +25,15 @@ TERMS = [
     "backlash:gap=1e-5",
 ]
 
+ON_FILM = [
+    *(f"direction_asymmetry:shape=2,part={part}" for part in (0, 3)),
+    "direction_asymmetry:shape=0",
+    "pressure_dependence:mean=5e5,viscous=0,curvature=0",
+    "frictional_lag:lag=0.01,rest=0.7,turned=1",
+    "wear:length=1",
+]
+"""Beside a film that lags."""
+
 
 def config(terms: list[str]) -> Config:
     return Config.from_mapping(
@@ -43,16 +52,18 @@ def samples() -> Samples:
     return simulate(Scenario((segment(1.0, 50.0, 5.0), segment(2.0, 200.0, 4.0)), rate_hz=200.0)).samples
 
 
-def test_pieces_give_what_one_pass_gives(samples: Samples) -> None:
-    whole = ExtensionTerms(config(TERMS)).columns(samples, np.zeros(len(samples)))
-    extension = ExtensionTerms(config(TERMS))
+@pytest.mark.parametrize("terms", [TERMS, ON_FILM])
+def test_pieces_give_what_one_pass_gives(samples: Samples, terms: list[str]) -> None:
+    whole = ExtensionTerms(config(terms)).columns(samples, np.zeros(len(samples)))
+    extension = ExtensionTerms(config(terms))
     single = np.concatenate([extension.columns(samples[k : k + 1], np.zeros(1)) for k in range(len(samples))])
     np.testing.assert_array_equal(single, whole)
     assert np.all(np.std(whole, axis=0) > 0.0)
 
 
-def test_restart_forgets(samples: Samples) -> None:
-    extension = ExtensionTerms(config(TERMS))
+@pytest.mark.parametrize("terms", [TERMS, ON_FILM])
+def test_restart_forgets(samples: Samples, terms: list[str]) -> None:
+    extension = ExtensionTerms(config(terms))
     first = extension.columns(samples, np.zeros(len(samples)))
     extension.restart()
     np.testing.assert_array_equal(extension.columns(samples, np.zeros(len(samples))), first)

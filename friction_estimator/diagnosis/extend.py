@@ -12,8 +12,9 @@ from friction_estimator.diagnosis.base_problem import BEND
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.result import Diagnosis
 from friction_estimator.effects.base import EFFECTS, Effect
-from friction_estimator.effects.extension import TermSpec, held_variable
+from friction_estimator.effects.extension import TermSpec, held_variable, reference_from_config
 from friction_estimator.effects.features import Features
+from friction_estimator.effects.reference import Reference
 
 CURVE_POINTS = 3001
 RIDGE = 1e-7
@@ -38,6 +39,8 @@ def extended_config(result: Diagnosis) -> Config:
     """
     model = result.models[-1]
     units = chosen(result.config, result.record.features.velocity_m_s, result.record.friction_N)
+    # Shapes over the speed are spread over the speeds that were fitted.
+    units = units.updated({"learned.velocity_scale": model.reference.top_m_s})
     base = model.base
     structure: dict[str, object] = {
         "model.type": "parallel" if base.theory is not None else "hammerstein",
@@ -49,22 +52,14 @@ def extended_config(result: Diagnosis) -> Config:
         "learned.wavelet_weights": (),
         "learned.extension_weights": (),
     }
-    specs, weights = terms_of(model)
     for finding in result.faults:
-        effect = EFFECTS[finding.name]
-        structure.update(effect.repairing_settings(finding, result.config))
-        params = effect.repairing_term(finding)
-        if params is not None:
-            specs.append(TermSpec(effect, params))
-            weights.append(1.0)
+        structure.update(EFFECTS[finding.name].repairing_settings(finding, result.config))
     units = units.updated(structure)
     shape = np.concatenate([[1.0], base.taps])
     norm = float(np.linalg.norm(shape))
     learned: dict[str, object] = {
         "learned.fir_taps": tuple((shape / norm).tolist()),
         "learned.wavelet_weights": tuple((projected_curve(base, units) * norm).tolist()),
-        "extension.terms": tuple(spec.text for spec in specs),
-        "learned.extension_weights": tuple(weights),
     }
     if base.theory is not None:
         learned["theory.default_temperature"] = float(result.record.features.temperature_degC.mean())
@@ -72,21 +67,40 @@ def extended_config(result: Diagnosis) -> Config:
         own = np.concatenate([[-base.own_lags.sum()], base.own_lags])
         taps = (base.theory_gain * shape + own) / theory_scale(units, base.theory)
         learned["learned.theory_taps"] = tuple(taps.tolist())
-    return units.updated(learned)
+    warm = units.updated(learned)
+    specs, weights = terms_of(model, reference_from_config(warm))
+    for finding in result.faults:
+        params = EFFECTS[finding.name].repairing_term(finding)
+        if params is not None:
+            specs.append(TermSpec(EFFECTS[finding.name], params))
+            weights.append(1.0)
+    terms = {"extension.terms": tuple(spec.text for spec in specs), "learned.extension_weights": tuple(weights)}
+    return warm.updated(terms)
 
 
-def terms_of(model: Joint) -> tuple[list[TermSpec], list[float]]:
-    """Return the terms of a model, one for each column, each scaled to an rms of 1 N, and their coefficients."""
+def terms_of(model: Joint, reference: Reference) -> tuple[list[TermSpec], list[float]]:
+    """Return the terms of a model, one for each column, each scaled to an rms of 1 N, and their coefficients.
+
+    `reference` is what the extended model makes its columns from. What stands at a force for the whole drive, as the
+    one at top speed, is another one there: more pressures are tabulated.
+    """
     specs: list[TermSpec] = []
     weights: list[float] = []
     for term in model.terms:
-        columns = term.effect.columns(term.params)(model.features, model.reference)
-        for part in range(columns.shape[1]):
-            scale = float(np.sqrt(np.mean(np.square(columns[:, part])))) or 1.0
+        fitted, own = (_rms(term.effect.columns(term.params)(model.features, r)) for r in (model.reference, reference))
+        for part, scale in enumerate(own.tolist()):
             specs.append(TermSpec(term.effect, dict(term.params), part, scale, measured(term.effect, model.features)))
-            # A wave has the phase of the recording that it was measured in; elsewhere it is learned anew.
-            weights.append(0.0 if term.effect.has_phase else float(term.weights[part]) * scale)
+            # What is of coefficient one is so of its own column. A wave has the phase of the recording that it was
+            # measured in; elsewhere it is learned anew.
+            size = scale if term.effect.fixed_gain else float(fitted[part])
+            weights.append(0.0 if term.effect.has_phase else float(term.weights[part]) * size)
     return specs, weights
+
+
+def _rms(columns: Floats) -> Floats:
+    """Return the rms of each column, (c,); 1 of one that is nothing."""
+    size = np.sqrt(np.mean(np.square(columns), axis=0))
+    return np.where(size > 0.0, size, 1.0)
 
 
 def measured(effect: type[Effect], features: Features) -> tuple[float, float] | None:

@@ -20,8 +20,9 @@ from friction_estimator.diagnosis.base import theory_reference
 from friction_estimator.diagnosis.base_problem import BaseProblem, Coefficients
 from friction_estimator.diagnosis.lagged import force
 from friction_estimator.diagnosis.library import columns_of
-from friction_estimator.effects.base import Effect
+from friction_estimator.effects.base import FILM_STATE, Effect
 from friction_estimator.effects.features import Context, Features
+from friction_estimator.effects.on_film import OnFilm, on_film
 from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.trace import STAGES
 from friction_estimator.effects.whole import shifted
@@ -166,23 +167,6 @@ def whole(made: Iterator[Floats], n: int) -> Floats:
     return out
 
 
-@dataclass(frozen=True)
-class OnFilm:
-    """What follows a film that lags.
-
-    Attributes
-    ----------
-    share : of a column that does. features : at the film's speed, in the direction of now.
-    factor : (n,), S(v) / S(u): what sets the force's sign, the velocity of now, does not lag.
-    even_factor : (n,), the same of what differs between the directions: by that in which the film was built.
-    """
-
-    share: float
-    features: Features
-    factor: Floats
-    even_factor: Floats
-
-
 class OwnColumns:
     """The base's problem with its own columns changed by some terms.
 
@@ -304,20 +288,14 @@ class OwnColumns:
         return made
 
 
-def on_film(term: Term, features: Features, reference: Reference) -> OnFilm | None:
-    """Return what a film that lags makes of what is not the theory's, or None where it makes nothing of it."""
-    made = term.effect.film(term.params, features, reference)
-    if made is None:
-        return None
-    v = features.velocity_m_s
-    moved = replace(features, velocity_m_s=np.sign(v) * made.speed_m_s)
-    factor = np.abs(reference.smooth_sign(v)) / reference.smooth_sign(made.speed_m_s)
-    return OnFilm(made.share, moved, factor, factor if made.way is None else factor * made.way * np.sign(v))
+def on_the_film(term: Term, features: Features, reference: Reference) -> OnFilm | None:
+    """Return what a term's film makes of a whole record, or None where it makes nothing of what is not the theory's."""
+    return on_film(term.effect, term.params, features, reference, np.zeros(FILM_STATE))
 
 
 def _film_change(problem: BaseProblem, term: Term, features: Features, theory: Reference) -> Iterator[Floats]:
     """Yield what a film that lags changes in the base's own columns, (n_part, m), or in the first one, (n_part, 1)."""
-    film, column, tables = on_film(term, features, theory), term.effect.columns(term.params), problem.tables
+    film, column, tables = on_the_film(term, features, theory), term.effect.columns(term.params), problem.tables
     for part in parts(features.size):
         first = column(features[part], theory)
         if film is None:

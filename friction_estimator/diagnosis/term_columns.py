@@ -17,16 +17,16 @@ from friction_estimator.core.sums import parts
 from friction_estimator.diagnosis.library import with_running_force
 from friction_estimator.diagnosis.own_columns import (
     LastMade,
-    OnFilm,
     OwnColumns,
     Term,
     before,
     film_of,
-    on_film,
+    on_the_film,
     time_of,
     whole,
 )
 from friction_estimator.effects.features import Features
+from friction_estimator.effects.on_film import OnFilm, partly
 from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.shapes import sliding
 from friction_estimator.effects.trace import STAGES
@@ -128,8 +128,7 @@ class TermColumns:
         lag = film_of(terms)
         film = None if lag is None or not term.effect.follows_film() else self._on_film(lag, features, reference)
         if film is not None:
-            factor = film.even_factor if term.effect.even else film.factor
-            made = _on(film.share, factor, made, self._made(term, film.features, reference))
+            made = _on(film.share, film.factor_of(term.effect), made, self._made(term, film.features, reference))
         if lag is not None and term.effect.carries(term.params):
             level = self._level_on_film(lag, features, reference)
             made = (m * level[part, None] for m, part in zip(made, parts(features.size), strict=True))
@@ -163,7 +162,7 @@ class TermColumns:
         """Return what follows a film that lags, with the running force there."""
 
         def made(features: Features) -> OnFilm | None:
-            film = on_film(lag, features, reference)
+            film = on_the_film(lag, features, reference)
             return None if film is None else replace(film, features=with_running_force(film.features, reference))
 
         return self._films(features, reference, lag.params, made)
@@ -178,11 +177,7 @@ def _sliding(features: Features, reference: Reference) -> tuple[Features, Floats
 def _on(share: float, factor: Floats, made: Iterator[Floats], there: Iterator[Floats]) -> Iterator[Floats]:
     """Yield columns of which a share follows a film, (n_part, c), of those at the velocity and those at its speed."""
     for now, on_it, part in zip(made, there, parts(factor.size), strict=True):
-        out = factor[part, None] * on_it
-        out -= now
-        out *= share
-        out += now
-        yield out
+        yield partly(share, factor[part], now, on_it)
 
 
 def _carried(made: Iterator[Floats], share: Floats, stands: Iterator[Floats]) -> Iterator[Floats]:

@@ -19,6 +19,7 @@ from friction_estimator.core.settings.config import Config
 from friction_estimator.effects.columns import Columns, SideBySide
 from friction_estimator.effects.detection import ORDER, DataView, Fault
 from friction_estimator.effects.features import Context, Features
+from friction_estimator.effects.kernels import DELAY_LINE
 from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.trace import STAGES, Trace
 from friction_estimator.effects.whole import StaticTables
@@ -92,6 +93,10 @@ class Film:
     share: float
     speed_m_s: Floats
     way: Floats | None = None
+
+
+FILM_STATE = DELAY_LINE + 2
+"""State variables of a film."""
 
 
 class Effect:
@@ -290,8 +295,11 @@ class Effect:
         return lambda parts, _: parts[-1]
 
     @classmethod
-    def film(cls, params: Params, features: Features, reference: Reference) -> Film | None:
-        """Return the film that friction is on, or None where the theory alone follows it."""
+    def film(cls, params: Params, features: Features, reference: Reference, state: Floats) -> Film | None:
+        """Return the film that friction is on, or None where the theory alone follows it.
+
+        `state` is carried from piece to piece, (FILM_STATE,); zeros to begin with.
+        """
         raise NotImplementedError
 
     @classmethod

@@ -4,7 +4,8 @@ A term is `NAME:key=value,...`: an effect's id, the parameters of its regressor,
 and `scale` (what the column is divided by, so that its coefficient is in N), and where the cause is a function of time,
 distance, position or pressure, `from` and `to`: what was measured of it; beyond, the term keeps its value at the end.
 Static shapes keep theirs beyond the reference's top speed. The reference curve that dynamic terms
-are made from is the configuration's own: theory and learned weights at construction, frozen. Batch and
+are made from is the configuration's own: theory and learned weights at construction, frozen. Beside a film that lags
+what is friction at a speed follows it by the share that the diagnosis found, as in the fit. Batch and
 sample-by-sample use give the same numbers, since every column is a causal machine that carries its state.
 """
 
@@ -26,6 +27,7 @@ from friction_estimator.effects.axis import VelocityAxis
 from friction_estimator.effects.base import EFFECTS, SLOW, Effect
 from friction_estimator.effects.columns import Columns, RunningForce
 from friction_estimator.effects.features import FeatureMaker, Features
+from friction_estimator.effects.on_film import FilmMachine, partly
 from friction_estimator.effects.reference import Reference, Surface
 
 PART, SCALE, FROM, TO = "part", "scale", "from", "to"
@@ -161,6 +163,9 @@ class ExtensionTerms:
         self._columns: list[Columns] = []
         self._firsts: list[TermSpec] = []
         self._place: list[int] = []
+        carrier = next((spec for spec in self._specs if spec.effect.in_theory), None)
+        self._film = None if carrier is None else FilmMachine(carrier.effect, carrier.params, self._reference)
+        self._there: list[Columns | None] = []
         known: dict[tuple[object, ...], int] = {}
         for spec in self._specs:
             key = spec.effect.name, tuple(sorted(spec.params.items())), spec.measured
@@ -168,6 +173,10 @@ class ExtensionTerms:
                 known[key] = len(self._columns)
                 self._columns.append(spec.effect.columns(spec.params))
                 self._firsts.append(spec)
+                carried = self._film is not None and spec.effect.follows_film() and not spec.effect.in_theory
+                # What is made of the running force is made of all of it, in a fit too.
+                carried = carried and not self._columns[-1].of_force
+                self._there.append(spec.effect.columns(spec.params) if carried else None)
             self._place.append(known[key])
 
     @property
@@ -194,10 +203,14 @@ class ExtensionTerms:
         """Return the columns for the next samples, (n, size), N per unit coefficient."""
         features = self._running(self._make(samples))
         top = self._reference.top_m_s
-        groups = [
-            columns(held(features, spec, top), self._reference)
-            for columns, spec in zip(self._columns, self._firsts, strict=True)
-        ]
+        film, forced = (None, features) if self._film is None else (self._film(features), self._film.forced(features))
+        groups = []
+        for columns, there, spec in zip(self._columns, self._there, self._firsts, strict=True):
+            made = columns(held(forced if columns.of_force else features, spec, top), self._reference)
+            if film is not None and there is not None:
+                on_it = there(held(film.features, spec, top), self._reference)
+                made = partly(film.share, film.factor_of(spec.effect), made, on_it)
+            groups.append(made)
         out = np.empty((len(samples), self.size))
         for i, (spec, place) in enumerate(zip(self._specs, self._place, strict=True)):
             out[:, i] = groups[place][:, spec.part] / spec.scale
@@ -207,8 +220,11 @@ class ExtensionTerms:
         """Forget the past: the next sample is the first."""
         self._make.restart()
         self._running.restart()
-        for columns in self._columns:
-            columns.restart()
+        if self._film is not None:
+            self._film.restart()
+        for columns in (*self._columns, *self._there):
+            if columns is not None:
+                columns.restart()
 
 
 def held(features: Features, spec: TermSpec, top_m_s: float) -> Features:
@@ -248,7 +264,7 @@ def reference_from_config(config: Config) -> Reference:
 
     Cold (nothing learned) it is the theory alone, or without one a Coulomb curve of one `force_unit`.
     """
-    top = config.velocity_scale or NO_VELOCITY
+    top = config.learned.velocity_scale or config.velocity_scale or NO_VELOCITY
     smooth = sign_velocity(config, top)
     theory = theory_from_config(config) if config.has_theory else None
     learned = config.learned

@@ -179,16 +179,17 @@ class FrictionalLag(Effect):
         return [form for form in (plain, plain | {"delayed": 1.0}, plain | {"turned": 1.0}) if form != params]
 
     @classmethod
-    def film(cls, params: Params, features: Features, reference: Reference) -> Film | None:
+    def film(cls, params: Params, features: Features, reference: Reference, state: Floats) -> Film | None:
         """Return the film, if a share of what the theory does not say follows it."""
         rest = params.get("rest", 0.0)
         if rest <= 0.0:
             return None
-        speed = film_of(features, reference, params, np.zeros(DELAY_LINE))
+        speed = film_of(features, reference, params, state[:DELAY_LINE])
         if params.get("turned", 0.0) < 0.5:
             return Film(rest, speed)
         way = np.empty(features.size)
-        film_way(features.step_s, features.previous_m_s, features.velocity_m_s, params["lag"], speed, np.zeros(2), way)
+        steps = features.step_s, features.previous_m_s, features.velocity_m_s
+        film_way(*steps, params["lag"], speed, state[DELAY_LINE:], way)
         return Film(rest, speed, way)
 
     @classmethod
