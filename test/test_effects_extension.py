@@ -39,6 +39,8 @@ def config(terms: list[str]) -> Config:
     return Config.from_mapping(
         {
             "extension.terms": terms,
+            "learned.fir_taps": [0.9, 0.05, 0.03, 0.01, 0.01],
+            "learned.theory_taps": [0.8, 0.1, 0.05, 0.03, 0.02],
             "theory.kind": "seal",
             "basis.velocity_range": [-0.14, 0.14],
             "force_unit": 4.0,

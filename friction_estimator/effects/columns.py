@@ -20,6 +20,8 @@ class Columns:
     state : number of state variables.
     filtered : True where the effect acts before the base model's FIR: the columns then pass through it.
     of_force : True where they are made from the force that runs at the effect's stage, `Features.force_N`.
+    of_theory : gives, as `compute` does and with a state of its own, what of the one column is the theory's: it passes
+        through the theory's own lags, too, where the base model has such.
     """
 
     def __init__(
@@ -29,17 +31,20 @@ class Columns:
         state: int = 0,
         filtered: bool = False,
         of_force: bool = False,
+        of_theory: Callable[[Features, Reference, Floats], Floats] | None = None,
     ) -> None:
-        self._compute = compute
+        self._compute, self._of_theory = compute, of_theory
         self.size, self.of_force = size, of_force
-        self._state = np.zeros(state)
+        self._state, self._theory_state = np.zeros(state), np.zeros(state)
         self._filtered = filtered
         self._ring: Floats | None = None
+        self._theory_ring: Floats | None = None
 
     def restart(self) -> None:
         """Forget the past."""
         self._state[:] = 0.0
-        self._ring = None
+        self._theory_state[:] = 0.0
+        self._ring = self._theory_ring = None
 
     def __call__(self, features: Features, reference: Reference) -> Floats:
         """Return the columns for the next samples, (n, size), N per unit of their coefficient."""
@@ -48,6 +53,13 @@ class Columns:
             if self._ring is None:
                 self._ring = np.zeros(1 + reference.taps.size * self.size)
             out = through_fir(features.step_s, out, reference.taps, self._ring)
+        if self._of_theory is not None and reference.theory_lags.size:
+            if self._theory_ring is None:
+                self._theory_ring = np.zeros(1 + reference.theory_lags.size)
+            theory = self._of_theory(features, reference, self._theory_state)[:, None]
+            lagged = np.empty(theory.shape)
+            fir(features.step_s, theory, reference.theory_lags, self._theory_ring, lagged)
+            out = out + lagged - (1.0 + reference.theory_lags.sum()) * theory
         return out
 
 

@@ -168,7 +168,10 @@ class FrictionalLag(Effect):
         def compute(f: Features, r: Reference, s: Floats) -> Floats:
             return _more_on(film_of(f, r, params, s), f.velocity_m_s, f.pressure_Pa, rest, r)
 
-        return Columns(compute, state=DELAY_LINE, filtered=True)
+        def of_theory(f: Features, r: Reference, s: Floats) -> Floats:
+            return _more_on(film_of(f, r, params, s), f.velocity_m_s, f.pressure_Pa, 0.0, r)
+
+        return Columns(compute, state=DELAY_LINE, filtered=True, of_theory=of_theory)
 
     @classmethod
     def variants(cls, params: Params) -> list[dict[str, float]]:

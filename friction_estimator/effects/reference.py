@@ -103,6 +103,7 @@ class Reference:
     axis : the velocities.
     sign_velocity_m_s : v_s of the smooth sign tanh(v / v_s).
     taps : (order,), FIR of the base model behind the static force: [1, taps] over their sum gives gain one.
+    theory_lags : (order,) or empty, lags c of the theory's part t beside it: sum_i c_i (t[k - i] - t[k]).
     """
 
     tables: Floats
@@ -110,6 +111,7 @@ class Reference:
     axis: VelocityAxis
     sign_velocity_m_s: float
     taps: Floats = field(default_factory=lambda: np.zeros(0))
+    theory_lags: Floats = field(default_factory=lambda: np.zeros(0))
     _last: LastFew = field(default_factory=LastFew, init=False, repr=False, compare=False)
 
     @classmethod
