@@ -27,6 +27,9 @@ SEAL = {"theory.kind": "seal"}
 
 UNITS = {**SEAL, "basis.velocity_range": [-0.1, 0.1], "force_unit": 4.0}
 
+FAST = tuple(segment(*s) for s in ((0.5, 50.0, 3.0), (0.25, 50.0, 1.5), (0.5, 200.0, 3.0), (0.25, 200.0, 1.5)))
+UNLIKE = "direction_asymmetry:asymmetry=0.3"
+
 
 def moved(position_m: np.ndarray, step_s: float = 0.01) -> Samples:
     """Return samples of a shaft at these positions."""
@@ -116,10 +119,6 @@ def test_the_range_is_that_of_the_velocity_as_repaired(ripple: Diagnosis) -> Non
     config = extended_config(replace(ripple, raw=raw))
     top = float(np.abs(ripple.record.features.velocity_m_s).max())
     assert config.reach[1] == pytest.approx(1.05 * top)
-
-
-FAST = tuple(segment(*s) for s in ((0.5, 50.0, 3.0), (0.25, 50.0, 1.5), (0.5, 200.0, 3.0), (0.25, 200.0, 1.5)))
-UNLIKE = "direction_asymmetry:asymmetry=0.3"
 
 
 @pytest.mark.parametrize(

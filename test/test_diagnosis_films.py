@@ -33,15 +33,13 @@ def chosen(*names: str) -> dict[str, type[Effect]]:
 
 
 def candidates(plant: str, *effects: str) -> Candidates:
-    data = build_record([record(effects, plant=plant, segments=TWO_PERIODS)], SEAL)
-    context = data.context(SEAL, float(np.abs(data.friction_N).max()))
-    return Candidates(BaseProblem(data, SEAL), context, EFFECTS, 0)
+    return fitting(plant, TWO_PERIODS, 200.0, effects)[0]
 
 
-def fast(
+def fitting(
     plant: str, segments: tuple[Segment, ...], rate_hz: float, effects: Sequence[str] = ()
 ) -> tuple[Candidates, float]:
-    """Return what fits to a record of fast strokes, in which a film's lag is many samples; and its noise, N^2."""
+    """Return what fits to a record, and its noise, N^2: of fast strokes, a film's lag is many samples of them."""
     run = simulate(Scenario(segments, plant, rate_hz, 0.01, 3, tuple(parse_effect(e) for e in effects)))
     data = build_record([run.samples], SEAL)
     context = data.context(SEAL, float(np.abs(data.friction_N).max()))
@@ -70,7 +68,7 @@ def test_what_the_theory_does_not_say_follows_the_film_where_it_does() -> None:
 def test_what_differs_between_directions_turns_with_the_film_where_it_is_the_film_s(plant, hidden, turned) -> None:
     """The rig has another film each way, after a turn still that of the other way; a lip's grip turns at once."""
     segments = (segment(0.5, 50.0, 2.0), segment(1.0, 50.0, 4.0))
-    fits, noise_N2 = fast(plant, segments, 1000.0, [hidden] if hidden else [])
+    fits, noise_N2 = fitting(plant, segments, 1000.0, [hidden] if hidden else [])
     start = fits(fits.base(), "direction_asymmetry", {"shape": 3.0 if turned else 0.0}).model
     plain = fits(start, "frictional_lag", {"lag": 0.003, "rest": 1.0})
     best = fits.shaped(start, plain)
@@ -87,7 +85,7 @@ def test_what_differs_between_directions_turns_with_the_film_where_it_is_the_fil
 def test_a_cause_takes_another_form_beside_those_that_were_found_after_it() -> None:
     """Alone, a share of the level at each speed explains what a free even part beside it does."""
     segments = tuple(segment(t, psi, 2.0 * t) for psi in (50.0, 200.0) for t in (0.25, 0.5))
-    fits, _ = fast("rig", segments, 2000.0)
+    fits, _ = fitting("rig", segments, 2000.0)
     mean = float(fits.problem.record.features.pressure_Pa.mean())
     pressure = {"mean": mean, "viscous": 0.0, "curvature": 0.0, "shape": 2.0}
     lag = {"lag": 0.002, "rest": 1.0, "turned": 1.0}

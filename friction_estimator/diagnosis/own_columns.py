@@ -20,9 +20,9 @@ from friction_estimator.diagnosis.base import theory_reference
 from friction_estimator.diagnosis.base_problem import BaseProblem, Coefficients
 from friction_estimator.diagnosis.lagged import force
 from friction_estimator.diagnosis.library import columns_of
-from friction_estimator.effects.base import FILM_STATE, Effect
+from friction_estimator.effects.base import Effect
 from friction_estimator.effects.features import Context, Features
-from friction_estimator.effects.on_film import OnFilm, on_film
+from friction_estimator.effects.on_film import on_film
 from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.trace import STAGES
 from friction_estimator.effects.whole import shifted
@@ -288,14 +288,10 @@ class OwnColumns:
         return made
 
 
-def on_the_film(term: Term, features: Features, reference: Reference) -> OnFilm | None:
-    """Return what a term's film makes of a whole record, or None where it makes nothing of what is not the theory's."""
-    return on_film(term.effect, term.params, features, reference, np.zeros(FILM_STATE))
-
-
 def _film_change(problem: BaseProblem, term: Term, features: Features, theory: Reference) -> Iterator[Floats]:
     """Yield what a film that lags changes in the base's own columns, (n_part, m), or in the first one, (n_part, 1)."""
-    film, column, tables = on_the_film(term, features, theory), term.effect.columns(term.params), problem.tables
+    film = on_film(term.effect, term.params, features, theory)
+    column, tables = term.effect.columns(term.params), problem.tables
     for part in parts(features.size):
         first = column(features[part], theory)
         if film is None:

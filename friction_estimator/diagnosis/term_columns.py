@@ -21,12 +21,11 @@ from friction_estimator.diagnosis.own_columns import (
     Term,
     before,
     film_of,
-    on_the_film,
     time_of,
     whole,
 )
 from friction_estimator.effects.features import Features
-from friction_estimator.effects.on_film import OnFilm, partly
+from friction_estimator.effects.on_film import OnFilm, on_film, partly
 from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.shapes import sliding
 from friction_estimator.effects.trace import STAGES
@@ -162,7 +161,7 @@ class TermColumns:
         """Return what follows a film that lags, with the running force there."""
 
         def made(features: Features) -> OnFilm | None:
-            film = on_the_film(lag, features, reference)
+            film = on_film(lag.effect, lag.params, features, reference)
             return None if film is None else replace(film, features=with_running_force(film.features, reference))
 
         return self._films(features, reference, lag.params, made)

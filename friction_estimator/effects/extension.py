@@ -60,6 +60,11 @@ class TermSpec:
     measured: tuple[float, float] | None = None
 
     @property
+    def machine(self) -> tuple[object, ...]:
+        """What its columns follow from: terms that are alike in it are parts of one machine's."""
+        return self.effect.name, tuple(sorted(self.params.items())), self.measured
+
+    @property
     def text(self) -> str:
         """The term as `parse_term` reads it."""
         keys = [f"{k}={v!r}" for k, v in self.params.items()]
@@ -162,22 +167,24 @@ class ExtensionTerms:
         self._running = RunningForce(self._reference)
         self._columns: list[Columns] = []
         self._firsts: list[TermSpec] = []
-        self._place: list[int] = []
-        carrier = next((spec for spec in self._specs if spec.effect.in_theory), None)
-        self._film = None if carrier is None else FilmMachine(carrier.effect, carrier.params, self._reference)
         self._there: list[Columns | None] = []
+        # A film comes first: the force that runs has it in it.
+        in_order = sorted(self._specs, key=lambda spec: not spec.effect.in_theory)
+        film = next((spec for spec in in_order if spec.effect.in_theory), None)
         known: dict[tuple[object, ...], int] = {}
-        for spec in self._specs:
-            key = spec.effect.name, tuple(sorted(spec.params.items())), spec.measured
-            if key not in known:
-                known[key] = len(self._columns)
+        for spec in in_order:
+            if spec.machine not in known:
+                known[spec.machine] = len(self._columns)
                 self._columns.append(spec.effect.columns(spec.params))
                 self._firsts.append(spec)
-                carried = self._film is not None and spec.effect.follows_film() and not spec.effect.in_theory
+                carried = film is not None and spec.effect.follows_film() and not spec.effect.in_theory
                 # What is made of the running force is made of all of it, in a fit too.
                 carried = carried and not self._columns[-1].of_force
                 self._there.append(spec.effect.columns(spec.params) if carried else None)
-            self._place.append(known[key])
+        self._place = [known[spec.machine] for spec in self._specs]
+        self._film: FilmMachine | None = None
+        if film is not None and any(self._there):
+            self._film = FilmMachine(film.effect, film.params, self._reference)
 
     @property
     def size(self) -> int:
@@ -203,13 +210,15 @@ class ExtensionTerms:
         """Return the columns for the next samples, (n, size), N per unit coefficient."""
         features = self._running(self._make(samples))
         top = self._reference.top_m_s
-        film, forced = (None, features) if self._film is None else (self._film(features), self._film.forced(features))
+        film, forced = None if self._film is None else self._film(features), features
         groups = []
         for columns, there, spec in zip(self._columns, self._there, self._firsts, strict=True):
             made = columns(held(forced if columns.of_force else features, spec, top), self._reference)
             if film is not None and there is not None:
                 on_it = there(held(film.features, spec, top), self._reference)
                 made = partly(film.share, film.factor_of(spec.effect), made, on_it)
+            if spec.effect.in_theory and forced is features:
+                forced = features.with_force(features.force_N + made[:, 0])
             groups.append(made)
         out = np.empty((len(samples), self.size))
         for i, (spec, place) in enumerate(zip(self._specs, self._place, strict=True)):
@@ -264,6 +273,7 @@ def reference_from_config(config: Config) -> Reference:
 
     Cold (nothing learned) it is the theory alone, or without one a Coulomb curve of one `force_unit`.
     """
+    # What was learned, also beside a range that is given: shapes over the speed were fitted over it.
     top = config.learned.velocity_scale or config.velocity_scale or NO_VELOCITY
     smooth = sign_velocity(config, top)
     theory = theory_from_config(config) if config.has_theory else None

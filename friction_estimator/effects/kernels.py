@@ -216,13 +216,16 @@ def film_speed(step, previous, velocity, tau, sign_velocity, bend, state, out): 
 @njit(cache=True)
 def film_way(step, previous, velocity, tau, film_speed, state, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """Direction in which the film was built, -1 to 1: the lag of v over u, the lag of |v|. state = [w, started]."""
+    dt, decay = 0.0, 1.0  # kept: samples are evenly spaced, nearly everywhere
     for k in range(velocity.size):
         if step[k] <= 0.0 or state[1] == 0.0:
             state[0] = velocity[k]
             state[1] = 1.0
         else:
-            slope = (velocity[k] - previous[k]) / step[k]
-            decay = np.exp(-step[k] / tau)
+            if step[k] != dt:
+                dt = step[k]
+                decay = np.exp(-dt / tau)
+            slope = (velocity[k] - previous[k]) / dt
             state[0] = velocity[k] - slope * tau + (state[0] - previous[k] + slope * tau) * decay
         out[k] = min(max(state[0] / film_speed[k], -1.0), 1.0)
 

@@ -34,13 +34,17 @@ class OnFilm:
 
 
 def on_film(
-    effect: type[Effect], params: Mapping[str, float], features: Features, reference: Reference, state: Floats
+    effect: type[Effect],
+    params: Mapping[str, float],
+    features: Features,
+    reference: Reference,
+    state: Floats | None = None,
 ) -> OnFilm | None:
     """Return what a film that lags makes of what is not the theory's, or None where it makes nothing of it.
 
-    `state` is carried from piece to piece, (FILM_STATE,); zeros to begin with.
+    `state` is carried from piece to piece, (FILM_STATE,), zeros to begin with; it is not needed for a whole record.
     """
-    made = effect.film(params, features, reference, state)
+    made = effect.film(params, features, reference, np.zeros(FILM_STATE) if state is None else state)
     if made is None:
         return None
     v = features.velocity_m_s
@@ -68,18 +72,13 @@ class FilmMachine:
 
     def __init__(self, effect: type[Effect], params: Mapping[str, float], reference: Reference) -> None:
         self._effect, self._params, self._reference = effect, params, reference
-        self._running, self._change = RunningForce(reference), effect.columns(params)
+        self._running = RunningForce(reference)
         self._state = np.zeros(FILM_STATE)
 
     def restart(self) -> None:
         """Forget the past."""
         self._state[:] = 0.0
         self._running.restart()
-        self._change.restart()
-
-    def forced(self, features: Features) -> Features:
-        """Return the next samples with the force that runs on the film."""
-        return features.with_force(features.force_N + self._change(features, self._reference)[:, 0])
 
     def __call__(self, features: Features) -> OnFilm | None:
         """Return what follows it in the next samples, with the running force there."""
