@@ -42,7 +42,7 @@ def test_a_slow_column_is_moved_by_the_time() -> None:
         turned = f.velocity_m_s * np.cos(omega * late) - sign * f.acceleration_m_s2 / omega * np.sin(omega * late)
         np.testing.assert_allclose(moved[inside], turned[inside], atol=5e-3 * scale)
     wave = np.column_stack([np.sin(f.time_s), np.cos(f.time_s)])
-    lagged = EFFECTS["sensor_lowpass"].smoother({"time_constant": late}, 0.005)([wave], f.step_s)
+    lagged = EFFECTS["sensor_lowpass"].smoother({"time_constant": late})([wave], f.step_s)
     expected = np.column_stack([np.sin(f.time_s - late), np.cos(f.time_s - late)])
     np.testing.assert_allclose(lagged[inside], expected[inside], atol=1e-4)
 

@@ -9,7 +9,8 @@ from friction_estimator.core.online.replay import replay
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.effects import extension_from_config
-from friction_estimator.effects.extension import ExtensionTerms, parse_term
+from friction_estimator.effects.extension import ExtensionTerms
+from friction_estimator.effects.term import parse_term
 from friction_estimator.rig.drive import segment
 from friction_estimator.rig.simulate import Scenario, simulate
 
@@ -34,11 +35,27 @@ ON_FILM = [
 ]
 """Beside a film that lags."""
 
+CARRIED = [*(f"presliding:length=2e-5,spread=1,part={part}" for part in (0, 3)), "wear:length=1", "backlash:gap=1e-5"]
+"""On bristles, whose force those after them are made from, too."""
+
+EARLIER = ["inertia:part=0", "frictional_lag:lag=0.01,rest=0.7", "direction_asymmetry:shape=0", *CARRIED]
+"""What acts before a time of the whole force."""
+
+MODELS = [
+    TERMS,
+    ON_FILM,
+    CARRIED,
+    [*EARLIER, "time_delay:delay=0.004", "saturation:level=4"],
+    [*EARLIER, "sensor_lowpass:time_constant=0.01"],
+    [*EARLIER, "velocity_delay:delay=0.004"],
+]
+
 
 def config(terms: list[str]) -> Config:
     return Config.from_mapping(
         {
             "extension.terms": terms,
+            "learned.extension_weights": [0.3] * len(terms),
             "learned.fir_taps": [0.9, 0.05, 0.03, 0.01, 0.01],
             "learned.theory_taps": [0.8, 0.1, 0.05, 0.03, 0.02],
             "theory.kind": "seal",
@@ -54,7 +71,7 @@ def samples() -> Samples:
     return simulate(Scenario((segment(1.0, 50.0, 5.0), segment(2.0, 200.0, 4.0)), rate_hz=200.0)).samples
 
 
-@pytest.mark.parametrize("terms", [TERMS, ON_FILM])
+@pytest.mark.parametrize("terms", MODELS)
 def test_pieces_give_what_one_pass_gives(samples: Samples, terms: list[str]) -> None:
     whole = ExtensionTerms(config(terms)).columns(samples, np.zeros(len(samples)))
     extension = ExtensionTerms(config(terms))
@@ -63,7 +80,7 @@ def test_pieces_give_what_one_pass_gives(samples: Samples, terms: list[str]) -> 
     assert np.all(np.std(whole, axis=0) > 0.0)
 
 
-@pytest.mark.parametrize("terms", [TERMS, ON_FILM])
+@pytest.mark.parametrize("terms", MODELS)
 def test_restart_forgets(samples: Samples, terms: list[str]) -> None:
     extension = ExtensionTerms(config(terms))
     first = extension.columns(samples, np.zeros(len(samples)))
@@ -86,7 +103,7 @@ def test_the_estimator_learns_a_hidden_mass_online() -> None:
             effects=(parse_effect("inertia:mass=0.8"),),
         )
     )
-    settings = config(["inertia:part=0"])
+    settings = config(["inertia:part=0"]).updated({"learned.extension_weights": ()})
     learned = replay(run.samples, settings, extension=extension_from_config(settings))
     assert learned.parameters.extension_weights == pytest.approx([0.8], rel=0.1)
     plain = replay(run.samples, config([]))

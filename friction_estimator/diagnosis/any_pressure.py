@@ -72,5 +72,5 @@ def _behind(place: Floats, features: Features, count: int) -> Floats:
     # A pause is time, too.
     apart_s = np.where(same, np.diff(features.time_s, prepend=features.time_s[0]), 0.0)
     held_s = float(apart_s.sum()) / count
-    lags = [FirstOrder(0.0, share * held_s)([place[:, None]], apart_s) for share in LATE if held_s > 0.0]
+    lags = [FirstOrder(share * held_s)([place[:, None]], apart_s) for share in LATE if held_s > 0.0]
     return np.column_stack([place[:, None] - lag for lag in lags]) if lags else np.zeros((place.size, 0))

@@ -12,9 +12,10 @@ from friction_estimator.diagnosis.base_problem import BEND
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.result import Diagnosis
 from friction_estimator.effects.base import EFFECTS, Effect
-from friction_estimator.effects.extension import TermSpec, held_variable, reference_from_config
+from friction_estimator.effects.extension import reference_from_config
 from friction_estimator.effects.features import Features
 from friction_estimator.effects.reference import Reference
+from friction_estimator.effects.term import TermSpec, held_variable
 
 CURVE_POINTS = 3001
 RIDGE = 1e-7

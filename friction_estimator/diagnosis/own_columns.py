@@ -22,13 +22,10 @@ from friction_estimator.diagnosis.lagged import force
 from friction_estimator.diagnosis.library import columns_of
 from friction_estimator.effects.base import Effect
 from friction_estimator.effects.features import Context, Features
+from friction_estimator.effects.moments import WITHIN, share_ago
 from friction_estimator.effects.on_film import on_film
 from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.trace import STAGES
-from friction_estimator.effects.whole import shifted
-
-PARTS = 4
-"""Parts of a sample period in which a filter of the force takes what acts before it as straight."""
 
 MOST_KEPT = 32 << 20
 """Bytes of columns of each kind that are kept at most: of a record of more than some 30,000 samples a part is made
@@ -113,9 +110,9 @@ def largest_change(
     return max(steps, default=0.0)
 
 
-def _earlier(features: Features, late_s: float) -> Callable[[str, Floats], Floats]:
-    """Return what every channel was some time ago."""
-    return lambda _, values: shifted(values, features, late_s)
+def _within(features: Features, share: float, channel: str, values: Floats) -> Floats:  # noqa: ARG001
+    """Return what a channel was a share of a sample ago."""
+    return share_ago(values, features.step_s, share)
 
 
 class LastMade:
@@ -252,13 +249,8 @@ class OwnColumns:
 
     @cached_property
     def _within(self) -> list[Features]:
-        record, late = self.problem.record, [self.part_s * i for i in range(PARTS - 1, 0, -1)]
-        return [record.features_at(self.problem.config, _earlier(record.features, s)) for s in late]
-
-    @property
-    def part_s(self) -> float:
-        """Time between two of these moments within a sample, s."""
-        return self._context.step_s / PARTS
+        record, config = self.problem.record, self.problem.config
+        return [record.features_at(config, partial(_within, record.features, share)) for share in WITHIN]
 
     def _static(self, inside: Sequence[Term]) -> Floats:
         problem, time = self.problem, time_of(inside)
@@ -269,7 +261,7 @@ class OwnColumns:
             if term.effect.delays:
                 continue
             change = [self._changes(term, features, self._theory) for features in self.moments(time, here)]
-            smooth = None if time is None else time.effect.smoother(time.params, self.part_s)
+            smooth = None if time is None else time.effect.smoother(time.params)
             static, ours = static if ours else static.copy(), True
             for part, *at_moments in zip(parts(here.size), *change, strict=True):
                 made = at_moments[-1] if smooth is None else smooth(at_moments, here.step_s[part])

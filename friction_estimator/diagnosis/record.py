@@ -18,6 +18,7 @@ from friction_estimator.core.settings.units import MARGIN, robust_top
 from friction_estimator.effects.extension import sign_velocity
 from friction_estimator.effects.features import Context, FeatureMaker, Features, stroke_ends
 from friction_estimator.effects.grids import LONGEST_LENGTH
+from friction_estimator.effects.moments import features_at
 
 FEWEST_SAMPLES = 400
 FEWEST_BLOCKS = 12
@@ -30,11 +31,6 @@ STEEPEST = 0.999
 
 MOST_FORGOTTEN = 0.5
 """Share of the way from one turn that nobody saw to the next one that is left out at the most."""
-
-
-STAMPED = ("time_s", "step_s", "temperature_degC", "active_time_s", "piece", "recording")
-"""Features that hang on the stamps or the temperature alone: they stay the record's own where motion and pressure are
-moved in time (`Record.features_at`)."""
 
 
 @dataclass(frozen=True)
@@ -96,14 +92,7 @@ class Record:
 
     def features_at(self, config: Config, seen: Callable[[str, Floats], Floats]) -> Features:
         """Return the features of other motion and pressure; `seen` makes of a channel (n,), by name, what it was."""
-        f, samples = self.features, self.samples
-        moved = {"velocity_m_s": seen("velocity_m_s", f.velocity_m_s)}
-        for name in ("pressure_Pa", "position_m"):
-            values = getattr(samples, name)
-            if values is not None:
-                moved[name] = seen(name, values)
-        made = feature_maker(config, self.reversal_speed_m_s)(replace(samples, **moved))  # type: ignore[arg-type]
-        return replace(made, **{name: getattr(f, name) for name in STAMPED})
+        return features_at(feature_maker(config, self.reversal_speed_m_s), self.samples, self.features, seen)
 
     def is_harmonic(self, frequency_hz: float) -> bool:
         """Return whether a line may be the trajectory's own (`core.intake.periods`)."""

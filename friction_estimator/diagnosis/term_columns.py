@@ -24,6 +24,7 @@ from friction_estimator.diagnosis.own_columns import (
     time_of,
     whole,
 )
+from friction_estimator.effects.base import FILM_STATE
 from friction_estimator.effects.features import Features
 from friction_estimator.effects.on_film import OnFilm, on_film, partly
 from friction_estimator.effects.reference import Reference
@@ -107,7 +108,7 @@ class TermColumns:
         made = [self._at(term, terms, reference, moment) for moment in self._moments(time, reference, features)]
         if time is None:
             return whole(made[-1], features.size)
-        smooth = time.effect.smoother(time.params, self._base.part_s)
+        smooth = time.effect.smoother(time.params)
         steps = (features.step_s[part] for part in parts(features.size))
         return whole((smooth(now, step) for *now, step in zip(*made, steps, strict=True)), features.size)
 
@@ -154,7 +155,7 @@ class TermColumns:
 
     def _level_on_film(self, lag: Term, features: Features, reference: Reference) -> Floats:
         """Return the level that bristles carry on a film that lags over that at the velocity, (n,)."""
-        level = partial(lag.effect.level_on_film, lag.params, reference=reference)
+        level = partial(lag.effect.level_on_film, lag.params, reference=reference, state=np.zeros(FILM_STATE))
         return self._levels(features, reference, lag.params, level)
 
     def _on_film(self, lag: Term, features: Features, reference: Reference) -> OnFilm | None:

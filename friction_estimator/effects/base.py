@@ -98,6 +98,9 @@ class Film:
 FILM_STATE = DELAY_LINE + 2
 """State variables of a film."""
 
+Smoother = Callable[[Sequence[Floats], Floats], Floats]
+"""(columns (n, c) at some moments, times between samples (n,)) -> what a filter makes of them, (n, c)."""
+
 
 class Effect:
     """One cause of a difference between simulation and measurement.
@@ -286,11 +289,26 @@ class Effect:
         return values
 
     @classmethod
-    def smoother(cls, params: Params, part_s: float) -> Callable[[Sequence[Floats], Floats], Floats]:  # noqa: ARG003
+    def seen_so_far(
+        cls,
+        params: Params,  # noqa: ARG003
+        channel: str,  # noqa: ARG003
+        values: Floats,
+        features: Features,  # noqa: ARG003
+        state: Floats,  # noqa: ARG003
+    ) -> Floats:
+        """Return `seen` of the next samples without a look ahead: what a live model has of it.
+
+        `state` is carried from piece to piece, one for each channel, (DELAY_LINE,); zeros to begin with.
+        """
+        return values
+
+    @classmethod
+    def smoother(cls, params: Params) -> Smoother:  # noqa: ARG003
         """Return what it makes of an earlier stage's columns beside that lateness, samples after samples.
 
-        It takes the columns, (n, c) each, at moments `part_s` apart, the last one that of the sample, one unless it
-        smooths; and (n,), the time to the sample before each.
+        It takes the columns, (n, c) each, at moments that divide the time to the sample before evenly, the last one
+        that of the sample, one unless it smooths; and (n,), that time.
         """
         return lambda parts, _: parts[-1]
 
@@ -303,8 +321,11 @@ class Effect:
         raise NotImplementedError
 
     @classmethod
-    def level_on_film(cls, params: Params, features: Features, reference: Reference) -> Floats:
-        """Return the level of friction on a film that lags over that at the velocity, (n,)."""
+    def level_on_film(cls, params: Params, features: Features, reference: Reference, state: Floats) -> Floats:
+        """Return the level of friction on a film that lags over that at the velocity, (n,).
+
+        `state` is carried from piece to piece, (FILM_STATE,); zeros to begin with.
+        """
         raise NotImplementedError
 
     @classmethod

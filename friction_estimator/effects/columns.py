@@ -7,7 +7,7 @@ import numpy as np
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.features import Features
 from friction_estimator.effects.kernels import fir
-from friction_estimator.effects.reference import Reference
+from friction_estimator.effects.reference import BOUNDARY, SHEAR, Reference
 
 
 class Columns:
@@ -56,10 +56,8 @@ class Columns:
         if self._of_theory is not None and reference.theory_lags.size:
             if self._theory_ring is None:
                 self._theory_ring = np.zeros(1 + reference.theory_lags.size)
-            theory = self._of_theory(features, reference, self._theory_state)[:, None]
-            lagged = np.empty(theory.shape)
-            fir(features.step_s, theory, reference.theory_lags, self._theory_ring, lagged)
-            out = out + lagged - (1.0 + reference.theory_lags.sum()) * theory
+            theory = self._of_theory(features, reference, self._theory_state)
+            out = out + through_own_lags(features.step_s, theory, reference.theory_lags, self._theory_ring)[:, None]
         return out
 
 
@@ -80,6 +78,13 @@ def through_fir(step_s: Floats, values: Floats, taps: Floats, ring: Floats) -> F
     out = np.empty(values.shape)
     fir(step_s, np.ascontiguousarray(values), taps, ring, out)
     return np.asarray(out / (1.0 + taps.sum()))
+
+
+def through_own_lags(step_s: Floats, theory_N: Floats, lags: Floats, ring: Floats) -> Floats:
+    """Return what the theory's own lags add to its force t (n,): sum_i c_i (t[k - i] - t[k]); `ring` as above."""
+    out = np.empty((theory_N.size, 1))
+    fir(step_s, theory_N[:, None], lags, ring, out)
+    return np.asarray(out[:, 0] - (1.0 + lags.sum()) * theory_N)
 
 
 RECORDINGS = "recordings"
@@ -122,7 +127,7 @@ def several(features: Features) -> dict[str, float]:
 
 
 class RunningForce:
-    """Force of the base model, FIR included, as a causal machine."""
+    """Force of the base model, its FIR and the theory's own lags included, as a causal machine."""
 
     def __init__(self, reference: Reference) -> None:
         self._reference = reference
@@ -130,12 +135,16 @@ class RunningForce:
 
     def restart(self) -> None:
         """Forget the past."""
-        self._ring = np.zeros(1 + max(1, self._reference.taps.size))
+        self._ring = np.zeros(1 + self._reference.taps.size)
+        self._theory_ring = np.zeros(1 + self._reference.theory_lags.size)
 
     def __call__(self, features: Features) -> Features:
         """Return the features of the next samples with their force."""
-        static = self._reference.force(features.velocity_m_s, features.pressure_Pa)
-        if not self._reference.taps.size:
-            return features.with_force(static)
-        force = through_fir(features.step_s, static[:, None], self._reference.taps, self._ring)
-        return features.with_force(force[:, 0])
+        r, at = self._reference, (features.velocity_m_s, features.pressure_Pa)
+        force = r.force(*at)
+        if r.taps.size:
+            force = through_fir(features.step_s, force[:, None], r.taps, self._ring)[:, 0]
+        if r.theory_lags.size:
+            theory = r.part(BOUNDARY, *at) + r.part(SHEAR, *at)
+            force = force + through_own_lags(features.step_s, theory, r.theory_lags, self._theory_ring)
+        return features.with_force(force)

@@ -196,9 +196,9 @@ class FrictionalLag(Effect):
         return Film(rest, speed, way)
 
     @classmethod
-    def level_on_film(cls, params: Params, features: Features, reference: Reference) -> Floats:
+    def level_on_film(cls, params: Params, features: Features, reference: Reference, state: Floats) -> Floats:
         """Return the level of friction on the film over that at the velocity, (n,)."""
-        film = film_of(features, reference, params, np.zeros(DELAY_LINE))
+        film = film_of(features, reference, params, state[:DELAY_LINE])
         moving = reference.moving(features.velocity_m_s)
         more = _more_on(film, moving, features.pressure_Pa, params.get("rest", 0.0), reference)
         stands = reference.force(moving, features.pressure_Pa)

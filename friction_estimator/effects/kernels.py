@@ -118,7 +118,7 @@ def force_lag(step, previous, velocity, within, tau, twice, bend, state, out):  
     """First-order lag of F(v(t), p), or two equal ones in series: out = LP(F) - F.
 
     F is linear in each part of a step, for which the lag's answer is exact; `within` is F at the end of each part, see
-    `Reference.force_within`. state = [y, F at the last step, started, second y].
+    `Reference.within`. state = [y, F at the last step, started, second y].
     """
     dt, decay = 0.0, 1.0  # kept: samples are evenly spaced, nearly everywhere
     end = 0

@@ -193,17 +193,18 @@ class Reference:
         share = self.axis.shares_once(velocity_m_s)
         return tuple(self._looked_up(part, share, pressure_Pa) for part in which)
 
-    def force_within(self, previous_m_s: Floats, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
-        """Return F(v, p) in parts of the way to each sample in which it is straight, N: (n,) or longer.
+    def within(self, previous_m_s: Floats, velocity_m_s: Floats, pressure_Pa: Floats, *which: int) -> Floats:
+        """Return the sum of some `part` in shares of the way to each sample in which it is straight, N: (n,) or longer.
 
-        The velocity is linear between samples and changes by at most the bend in each part (`substeps`). Not to be
+        The velocity is linear between samples and changes by at most the bend in each share (`substeps`). Not to be
         written to.
         """
 
         def make() -> Floats:
-            return self.once(*within(previous_m_s, velocity_m_s, pressure_Pa, self.bend_m_s), FORCE)[0]
+            found = self.once(*within(previous_m_s, velocity_m_s, pressure_Pa, self.bend_m_s), *which)
+            return found[0] if len(found) == 1 else np.asarray(sum(found))
 
-        return self._last("within", (velocity_m_s, previous_m_s, pressure_Pa), make)
+        return self._last(f"{which} within", (velocity_m_s, previous_m_s, pressure_Pa), make)
 
     def level(self, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
         """Return the level F / S of friction in steady sliding, (n,), N: what stands behind the smooth sign.

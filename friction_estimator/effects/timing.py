@@ -7,15 +7,36 @@ from typing import ClassVar
 import numpy as np
 
 from friction_estimator.core.sample import Floats
-from friction_estimator.effects.base import REVERSAL, Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.base import (
+    REVERSAL,
+    Effect,
+    Key,
+    Params,
+    Smoother,
+    Words,
+    chosen,
+    effect,
+    form_key,
+)
 from friction_estimator.effects.channels import seen_at
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import beyond_time, times
 from friction_estimator.effects.kernels import DELAY_LINE, delayed, force_lag
-from friction_estimator.effects.reference import FORCE, Reference
+from friction_estimator.effects.reference import BOUNDARY, FORCE, SHEAR, Reference
 from friction_estimator.effects.trace import Trace
 from friction_estimator.effects.whole import FirstOrder, StaticTables, shifted, unfiltered
+
+Compute = Callable[[Features, Reference, Floats], Floats]
+
+THEORY = (BOUNDARY, SHEAR)
+
+
+def _change(velocity_m_s: Floats, features: Features, reference: Reference, parts: Sequence[int]) -> Floats:
+    """Return by how much some parts of the force differ at another velocity, (n,), N."""
+    there = sum(reference.once(velocity_m_s, features.pressure_Pa, *parts))
+    here = sum(reference.part(part, features.velocity_m_s, features.pressure_Pa) for part in parts)
+    return np.asarray(there - here)
 
 
 class Timing(Effect):
@@ -76,13 +97,15 @@ class TimeDelay(Timing):
     def columns(cls, params: Params) -> Columns:
         """Return F(t - D) - F(t)."""
 
-        def compute(f: Features, r: Reference, s: Floats) -> Floats:
-            moved = np.empty(f.size)
-            delayed(f.step_s, f.velocity_m_s, params["delay"], s, moved)
-            (there,) = r.once(moved, f.pressure_Pa, FORCE)
-            return there - r.force(f.velocity_m_s, f.pressure_Pa)
+        def change(*parts: int) -> Compute:
+            def compute(f: Features, r: Reference, s: Floats) -> Floats:
+                moved = np.empty(f.size)
+                delayed(f.step_s, f.velocity_m_s, params["delay"], s, moved)
+                return _change(moved, f, r, parts)
 
-        return Columns(compute, state=DELAY_LINE, filtered=True)
+            return compute
+
+        return Columns(change(FORCE), state=DELAY_LINE, filtered=True, of_theory=change(*THEORY))
 
     @classmethod
     def whole(cls, params: Params, tables: StaticTables, features: Features) -> Floats:
@@ -98,6 +121,20 @@ class TimeDelay(Timing):
     def seen(cls, params: Params, channel: str, values: Floats, features: Features) -> Floats:  # noqa: ARG003
         """Every channel of D earlier."""
         return shifted(values, features, params["delay"])
+
+    @classmethod
+    def seen_so_far(
+        cls,
+        params: Params,
+        channel: str,  # noqa: ARG003
+        values: Floats,
+        features: Features,
+        state: Floats,
+    ) -> Floats:
+        """The same, from a delay line."""
+        out = np.empty(features.size)
+        delayed(features.step_s, values, params["delay"], state, out)
+        return out
 
     refined = ("delay",)
 
@@ -143,13 +180,16 @@ class SensorLowpass(Timing):
         """Return LP(F) - F, with two equal poles where they are asked for."""
         tau, two = _pole(params)
 
-        def compute(f: Features, r: Reference, s: Floats) -> Floats:
-            out = np.empty(f.size)
-            within = r.force_within(f.previous_m_s, f.velocity_m_s, f.pressure_Pa)
-            force_lag(f.step_s, f.previous_m_s, f.velocity_m_s, within, tau, two, r.bend_m_s, s, out)
-            return out
+        def change(*parts: int) -> Compute:
+            def compute(f: Features, r: Reference, s: Floats) -> Floats:
+                out = np.empty(f.size)
+                within = r.within(f.previous_m_s, f.velocity_m_s, f.pressure_Pa, *parts)
+                force_lag(f.step_s, f.previous_m_s, f.velocity_m_s, within, tau, two, r.bend_m_s, s, out)
+                return out
 
-        return Columns(compute, state=4, filtered=True)
+            return compute
+
+        return Columns(change(FORCE), state=4, filtered=True, of_theory=change(*THEORY))
 
     @classmethod
     def variants(cls, params: Params) -> list[dict[str, float]]:
@@ -165,10 +205,10 @@ class SensorLowpass(Timing):
     smooths = True
 
     @classmethod
-    def smoother(cls, params: Params, part_s: float) -> Callable[[Sequence[Floats], Floats], Floats]:
+    def smoother(cls, params: Params) -> Smoother:
         """Return the lag."""
         tau, two = _pole(params)
-        return FirstOrder(part_s, tau, two)
+        return FirstOrder(tau, two)
 
     refined = ("time_constant",)
 
@@ -240,12 +280,13 @@ class VelocityDelay(Timing):
         its deviation: a noisy channel is smoothed before.
         """
 
-        def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
-            ahead = f.velocity_m_s + params["delay"] * f.acceleration_m_s2
-            (there,) = r.once(ahead, f.pressure_Pa, FORCE)
-            return there - r.force(f.velocity_m_s, f.pressure_Pa)
+        def change(*parts: int) -> Compute:
+            def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
+                return _change(f.velocity_m_s + params["delay"] * f.acceleration_m_s2, f, r, parts)
 
-        return Columns(compute, filtered=True)
+            return compute
+
+        return Columns(change(FORCE), filtered=True, of_theory=change(*THEORY))
 
     @classmethod
     def variants(cls, params: Params) -> list[dict[str, float]]:
@@ -265,6 +306,18 @@ class VelocityDelay(Timing):
         if params.get("filtered", 0.0) >= 0.5:
             return unfiltered(values, features, params["delay"])
         return shifted(values, features, -params["delay"])
+
+    @classmethod
+    def seen_so_far(
+        cls,
+        params: Params,
+        channel: str,
+        values: Floats,
+        features: Features,
+        state: Floats,  # noqa: ARG003
+    ) -> Floats:
+        """The velocity carried on by D with its acceleration; before a filter it is that, too."""
+        return values + params["delay"] * features.acceleration_m_s2 if channel == "velocity_m_s" else values
 
     @classmethod
     def late_s(cls, params: Params) -> float:

@@ -93,11 +93,11 @@ class FirstOrder:
 
     Parameters
     ----------
-    part_s : time between the moments at which columns are given, s. time_constant_s : of the lag. twice : two of them.
+    time_constant_s : of the lag. twice : two of them.
     """
 
-    def __init__(self, part_s: float, time_constant_s: float, twice: bool = False) -> None:
-        self._constants = part_s, time_constant_s, twice
+    def __init__(self, time_constant_s: float, twice: bool = False) -> None:
+        self._constants = time_constant_s, twice
         self._state: Floats | None = None
 
     def __call__(self, parts: Sequence[Floats], step_s: Floats) -> Floats:
@@ -105,8 +105,8 @@ class FirstOrder:
 
         Parameters
         ----------
-        parts : the columns, (n, c) each, at moments `part_s` apart of which the last one is that of the sample; linear
-            between them. Where samples are closer than the first of these moments the last one alone counts.
+        parts : the columns, (n, c) each, at moments that divide the time to the sample before evenly, of which the last
+            one is that of the sample; linear between them.
         step_s : (n,), time to the sample before; 0 where a piece begins.
         """
         out = np.empty_like(parts[-1])
@@ -118,24 +118,19 @@ class FirstOrder:
 
 
 @njit(cache=True, error_model="numpy")
-def _first_order(step, parts, part_s, tau, twice, begins, states, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def _first_order(step, parts, tau, twice, begins, states, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     count, width = parts.shape[0], parts.shape[2]
     state, second, last = states[0], states[1], states[2]  # they go on with the next samples
-    of_part = np.exp(-part_s / tau)
-    of_first, first_s = 1.0, 0.0  # kept: samples are evenly spaced, nearly everywhere
+    dt, decay = 0.0, 1.0  # kept: samples are evenly spaced, nearly everywhere
     for k in range(parts.shape[1]):
         if (begins and k == 0) or step[k] <= 0.0:
             for c in range(width):
                 state[c] = second[c] = last[c] = out[k, c] = parts[count - 1, k, c]
             continue
-        first = step[k] - (count - 1) * part_s
-        for s in range(0 if first > 0.0 else count - 1, count):
-            dt, decay = part_s, of_part
-            if s == 0 or first <= 0.0:
-                dt = first if first > 0.0 else step[k]
-                if dt != first_s:
-                    of_first, first_s = np.exp(-dt / tau), dt
-                decay = of_first
+        if step[k] / count != dt:
+            dt = step[k] / count
+            decay = np.exp(-dt / tau)
+        for s in range(count):
             _lag(state, second, last, parts[s, k], dt, tau, decay, twice)
         for c in range(width):
             out[k, c] = second[c] if twice else state[c]
