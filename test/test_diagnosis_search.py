@@ -101,6 +101,13 @@ def test_a_cause_that_resembles_another_form_of_a_trait_is_named_beside_it(hidde
     assert names(diagnose([record([hidden], plant=plant, noise=noise)], Config(), catalogue=both)) == [trait, name]
 
 
+def test_a_spring_is_named_beside_a_bias() -> None:
+    """A bias that went with the position would be the spring."""
+    both = {n: EFFECTS[n] for n in ("sensor_bias", "side_spring")}
+    data = record(["sensor_bias:bias=0.5", "side_spring:size=0.02"], noise=0.03)
+    assert names(diagnose([data], Config(), catalogue=both)) == list(both)
+
+
 def test_a_gap_of_one_sample_is_named_although_a_drive_of_whole_periods_shows_it_in_one_sample_a_stroke() -> None:
     """Every stroke is sampled at the same places: a gap takes a whole sample or nothing, one that closes softly a part.
 

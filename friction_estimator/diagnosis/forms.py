@@ -59,20 +59,27 @@ class OtherForms(Wider):
     @property
     def width(self) -> int:
         """Number of columns beside the tangent."""
-        own = sum(HATS + 4 + int(t.effect.turns) for t in self.model.terms)
+        own = sum(HATS + 3 + int(by_place(t)) + int(t.effect.turns) for t in self.model.terms)
         return own + sum(int(o.shape[1]) for o in self.others)
 
     def beside(self, part: slice) -> Sequence[Floats]:
         """Return the columns beside the tangent for some samples."""
         model, f = self.model, self.model.features[part]
         faster = np.sign(f.acceleration_m_s2 * f.direction)
-        on = np.column_stack([hats(f.velocity_m_s, model.reference), self.place[part], faster])
+        pressure, position = self.place[part].T
+        on = np.column_stack([hats(f.velocity_m_s, model.reference), pressure, faster])
         made = []
         for term, force, size in zip(model.terms, model.parts_N, self.sizes_N, strict=True):
             own = [np.abs(force[part]) / size]
+            own += [position] if by_place(term) else []
             own += [f.direction] if term.effect.turns else []
             made.append(SHARE * force[part, None] * np.column_stack([on, *own]))
         return [*made, *(o[part] for o in self.others)]
+
+
+def by_place(term: Term) -> bool:
+    """Return whether a cause goes with the position; one that does not would be a spring if it did."""
+    return term.effect.reveals == "position_m"
 
 
 def power_N2(model: Joint) -> float:
