@@ -157,6 +157,8 @@ SLOW = tuple(segment(*s) for s in ((1.0, 50.0, 6.0), (3.0, 50.0, 9.0), (1.0, 200
         ("parallel_memory", ("sensor_lowpass:time_constant=0.01", "direction_asymmetry:asymmetry=0.1")),
         ("parallel_memory", ("velocity_delay:delay=0.004", "side_spring:stiffness=10")),
         ("parallel_memory", ("backlash:gap=2e-5",)),
+        # Two of one stage that are made from the force: the second one has the first in it.
+        ("parallel_memory", ("gain_step:step=0.15,at=20", "backlash:gap=4e-5")),
         ("film_lag", ("time_delay:delay=0.006", "direction_asymmetry:asymmetry=0.1")),
         ("maxwell_slip", ("viscosity_drift:drop=0.3,time_constant=10",)),
     ],

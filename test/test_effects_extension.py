@@ -10,6 +10,7 @@ from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.effects import extension_from_config
 from friction_estimator.effects.extension import ExtensionTerms
+from friction_estimator.effects.features import FeatureMaker
 from friction_estimator.effects.term import parse_term
 from friction_estimator.rig.drive import segment
 from friction_estimator.rig.simulate import Scenario, simulate
@@ -88,6 +89,14 @@ def test_restart_forgets(samples: Samples, terms: list[str]) -> None:
     np.testing.assert_array_equal(extension.columns(samples, np.zeros(len(samples))), first)
 
 
+def test_the_acceleration_of_a_parabola_is_exact_whatever_the_steps() -> None:
+    stamps = np.cumsum([0, 5, 5, 10, 5, 3, 20, 5, 5]) * 1_000_000
+    time = stamps * 1e-9
+    samples = Samples(stamps, 3.0 * time - 40.0 * time**2, np.zeros(9), np.arange(9) == 0)
+    made = FeatureMaker(101325.0, 0.0, 54.0)(samples).acceleration_m_s2
+    np.testing.assert_allclose(made[2:], 3.0 - 80.0 * time[2:], rtol=1e-12)
+
+
 def test_no_terms_is_no_extension() -> None:
     assert extension_from_config(config([])) is None
 
@@ -119,6 +128,11 @@ def test_the_estimator_learns_a_hidden_mass_online() -> None:
         ("presliding:length=a", "is not key=number"),
         ("inertia:part=1", "has 1 columns"),
         ("inertia:scale=0", "scale is not 0"),
+        *((f"{term}=0", "a length or a time of 0") for term in ("sensor_lowpass:time_constant", "frictional_lag:lag")),
+        ("sensor_drift:part=1,duration=0", "a length or a time of 0"),
+        ("viscoelastic_relaxation:time_constant=0", "time_constant is below 0.0001"),
+        *((f"{term}=0", "length is below") for term in ("presliding:length", "wear:length")),
+        ("time_delay:delay=-0.01", "delay is below 0"),
     ],
 )
 def test_bad_terms_are_refused_in_one_line(text: str, words: str) -> None:

@@ -71,24 +71,23 @@ class TermColumns:
     def settle(self, fitted_N: Floats, terms: Sequence[Term], reference: Reference, features: Features) -> None:
         """Take the force that runs at the stage of each term from a fit, for columns at these features.
 
-        It is the base's, (n,), N, with what changes it, and that of the other terms up to the stage. Nothing is known
-        of it before a time of the whole force, where the static curve at the earlier time stands for it.
+        It is the base's, (n,), N, with what changes it, and that of the terms that act before. Nothing is known of it
+        before a time of the whole force, where the static curve at the earlier time stands for it.
         """
-        self.forces = None
-        time, forces, others = time_of(terms), dict[str, Floats](), dict[int, Floats]()
-        for i, term in enumerate(terms):
-            early = time is not None and before(term.effect, time.effect)
-            if early or self._base.changed_by(term) or not term.effect.columns(term.params).of_force:
-                continue
-            force = fitted_N
-            for j, other in enumerate(terms):
-                beside = other.weights.size and not self._base.changed_by(other)
-                if j != i and beside and not before(term.effect, other.effect):
-                    if j not in others:
-                        others[j] = self.one(terms, j, reference, features) @ other.weights
-                    force = force + others[j]
-            forces[term.name] = force
+        time, forces = time_of(terms), dict[str, Floats]()
         self.forces = features, forces
+        beside = [i for i, term in enumerate(terms) if not self._base.changed_by(term)]
+        of_force = {i for i in beside if terms[i].effect.columns(terms[i].params).of_force}
+        # Of one stage those come last that are made from the force, in the order in which they were found.
+        beside.sort(key=lambda i: (STAGES.index(terms[i].effect.stage), i in of_force))
+        while beside and beside[-1] not in of_force:
+            beside.pop()
+        force = fitted_N
+        for i in beside:
+            if i in of_force and (time is None or not before(terms[i].effect, time.effect)):
+                forces[terms[i].name] = force
+            if terms[i].weights.size and i != beside[-1]:
+                force = force + self.one(terms, i, reference, features) @ terms[i].weights
 
     def __call__(self, terms: Sequence[Term], reference: Reference, features: Features) -> list[Floats]:
         """Return the columns of each term, (n, c), at the time of the whole force; none where the base is changed."""

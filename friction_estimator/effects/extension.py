@@ -74,7 +74,7 @@ class ExtensionTerms:
         for spec, weight in zip(self._specs, weights, strict=True):
             if spec.machine not in known:
                 known[spec.machine] = Cause(spec, np.zeros(spec.effect.columns(spec.params).size))
-            known[spec.machine].weights[spec.part] = weight / spec.scale
+            known[spec.machine].weights[spec.part] += weight / spec.scale
 
         def order(cause: Cause) -> tuple[bool, int, bool]:
             in_base = cause.effect.in_theory or cause.effect.delays

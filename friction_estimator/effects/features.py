@@ -60,7 +60,7 @@ class Features:
     time_s : recorded time since the first sample of all; gaps and pauses are in it.
     step_s : time to the previous sample; 0 where the delay lines restart.
     velocity_m_s, previous_m_s : velocity at this sample and at the one before.
-    acceleration_m_s2 : backward difference of second order, (3 v[k] - 4 v[k-1] + v[k-2]) / (2 dt).
+    acceleration_m_s2 : slope at the sample of the parabola through it and the two before, whatever their steps.
     pressure_Pa : gauge pressure. temperature_degC : degree Celsius.
     position_m : recorded, else the integral of the velocity.
     distance_m : distance run since the first sample.
@@ -168,7 +168,9 @@ def _features(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
         v1 = state[BEFORE]
         if dt > 0.0:
             if state[SAMPLES] >= 2.0:
-                acceleration[k] = (3.0 * v - 4.0 * v1 + state[BEFORE_THAT]) / (2.0 * dt)
+                last = state[USUAL_STEP]
+                slope, slope_before = (v - v1) / dt, (v1 - state[BEFORE_THAT]) / last
+                acceleration[k] = slope + (slope - slope_before) * dt / (dt + last)
             else:
                 acceleration[k] = (v - v1) / dt
             state[ACTIVE] += dt

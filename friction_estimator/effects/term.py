@@ -67,7 +67,7 @@ def parse_term(text: str) -> TermSpec:
 
     Raises
     ------
-    ConfigError : unknown effect, an effect without a regressor, a missing or malformed parameter; one line.
+    ConfigError : unknown effect, an effect without a regressor, a missing, malformed or impossible parameter; one line.
 
     Examples
     --------
@@ -100,24 +100,36 @@ def parse_term(text: str) -> TermSpec:
         raise ConfigError(f"extension.terms: {text!r}: {missing.args[0]} is missing") from None
     if int(part) >= columns.size:
         raise ConfigError(f"extension.terms: {text!r}: {cls.name} has {columns.size} columns, part counts from 0")
-    missing_key = _missing(columns)
-    if missing_key:
-        raise ConfigError(f"extension.terms: {text!r}: {missing_key} is missing")
+    for known in cls.keys:
+        if values.get(known.name, known.low) < known.low:
+            raise ConfigError(f"extension.terms: {text!r}: {known.name} is below {known.low:g}")
+    try:
+        finite = _finite(columns)
+    except KeyError as missing:
+        raise ConfigError(f"extension.terms: {text!r}: {missing.args[0]} is missing") from None
+    if not finite:
+        raise ConfigError(f"extension.terms: {text!r}: no column can be made with a length or a time of 0")
     return TermSpec(cls, values, int(part), scale, (low, high) if np.isfinite([low, high]).any() else None)
 
 
-def _missing(columns: Columns) -> str:
-    """Return the first parameter that the columns ask for and the term lacks, or nothing."""
-    empty = Samples(np.zeros(1, np.int64), np.zeros(1), np.zeros(1), np.ones(1, np.bool_))
-    features = FeatureMaker(0.0, 0.0, 20.0)(empty)
-    flat = Reference(np.zeros((4, 1, 3)), np.zeros(1), VelocityAxis(1.0), 1.0)
+def _finite(columns: Columns) -> bool:
+    """Return whether the columns of a few samples are numbers.
+
+    Raises
+    ------
+    KeyError : the term lacks a parameter that they ask for.
+    """
+    velocity = np.array([0.0, 0.3, 1.0, -0.3, -1.0, -0.2])
+    stamps, restart = np.arange(6) * 100_000_000, np.arange(6) == 0
+    features = FeatureMaker(0.0, 0.0, 20.0)(Samples(stamps, velocity, np.zeros(6), restart))
+    curve = Reference(np.tile(np.linspace(-1.0, 1.0, 3), (4, 1, 1)), np.zeros(1), VelocityAxis(1.0), 0.1)
     try:
-        columns(features, flat)
-    except KeyError as missing:
-        return str(missing.args[0])
+        with np.errstate(all="ignore"):
+            return bool(np.isfinite(columns(features, curve)).all())
+    except ZeroDivisionError:
+        return False
     finally:
         columns.restart()
-    return ""
 
 
 def held(features: Features, spec: TermSpec, top_m_s: float) -> Features:
