@@ -59,7 +59,7 @@ class OtherForms(Wider):
     @property
     def width(self) -> int:
         """Number of columns beside the tangent."""
-        own = sum(HATS + 3 + int(by_place(t)) + int(t.effect.turns) for t in self.model.terms)
+        own = sum(HATS + 3 + int(t.effect.by_place()) + int(t.effect.turns) for t in self.model.terms)
         return own + sum(int(o.shape[1]) for o in self.others)
 
     def beside(self, part: slice) -> Sequence[Floats]:
@@ -71,15 +71,11 @@ class OtherForms(Wider):
         made = []
         for term, force, size in zip(model.terms, model.parts_N, self.sizes_N, strict=True):
             own = [np.abs(force[part]) / size]
-            own += [position] if by_place(term) else []
+            # What does not go with the position would be a spring if it did.
+            own += [position] if term.effect.by_place() else []
             own += [f.direction] if term.effect.turns else []
             made.append(SHARE * force[part, None] * np.column_stack([on, *own]))
         return [*made, *(o[part] for o in self.others)]
-
-
-def by_place(term: Term) -> bool:
-    """Return whether a cause goes with the position; one that does not would be a spring if it did."""
-    return term.effect.reveals == "position_m"
 
 
 def power_N2(model: Joint) -> float:

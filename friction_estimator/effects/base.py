@@ -236,6 +236,11 @@ class Effect:
         return any(key.name == FORM for key in cls.keys)
 
     @classmethod
+    def by_place(cls) -> bool:
+        """Return whether it goes with the position of the shaft."""
+        return cls.reveals == "position_m"
+
+    @classmethod
     def variants(cls, params: Params) -> list[dict[str, float]]:  # noqa: ARG003
         """Return other shapes of the same cause, tried once it has been named."""
         return []

@@ -7,7 +7,7 @@ import numpy as np
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.features import Features
 from friction_estimator.effects.kernels import fir
-from friction_estimator.effects.reference import BOUNDARY, SHEAR, Reference
+from friction_estimator.effects.reference import THEORY, Reference
 
 
 class Columns:
@@ -145,6 +145,6 @@ class RunningForce:
         if r.taps.size:
             force = through_fir(features.step_s, force[:, None], r.taps, self._ring)[:, 0]
         if r.theory_lags.size:
-            theory = r.part(BOUNDARY, *at) + r.part(SHEAR, *at)
+            theory = np.asarray(sum(r.part(part, *at) for part in THEORY))
             force = force + through_own_lags(features.step_s, theory, r.theory_lags, self._theory_ring)
         return features.with_force(force)

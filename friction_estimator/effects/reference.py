@@ -13,6 +13,9 @@ VELOCITIES = 801
 
 FORCE, VISCOUS, BOUNDARY, SHEAR = range(4)
 
+THEORY = (BOUNDARY, SHEAR)
+"""The parts that the theory's share of the force is the sum of."""
+
 LOWEST = 0.1
 """Share of the smooth sign's speed below which its ratio to the force is taken there."""
 

@@ -58,8 +58,7 @@ def held_variable(effect: type[Effect]) -> str | None:
     What happened with time or distance says nothing of later, a pattern nothing of where the shaft has not been. A law
     (a mass, a delay) holds everywhere.
     """
-    by_place = effect.reveals == "position_m"
-    return effect.reveals if effect.acts == SLOW or effect.recorded or by_place else None
+    return effect.reveals if effect.acts == SLOW or effect.recorded or effect.by_place() else None
 
 
 def parse_term(text: str) -> TermSpec:
@@ -92,21 +91,18 @@ def parse_term(text: str) -> TermSpec:
         raise ConfigError(f"extension.terms: {text!r}: {FROM} is not above {TO}")
     if part < 0.0 or part != int(part) or scale == 0.0:
         raise ConfigError(f"extension.terms: {text!r}: part is a whole number from 0, scale is not 0")
+    for known in cls.keys:
+        if values.get(known.name, known.low) < known.low:
+            raise ConfigError(f"extension.terms: {text!r}: {known.name} is below {known.low:g}")
     try:
         columns = cls.columns(values)
+        finite = _finite(columns)
     except NotImplementedError:
         raise ConfigError(f"extension.terms: {text!r}: {cls.name} has no regressor") from None
     except KeyError as missing:
         raise ConfigError(f"extension.terms: {text!r}: {missing.args[0]} is missing") from None
     if int(part) >= columns.size:
         raise ConfigError(f"extension.terms: {text!r}: {cls.name} has {columns.size} columns, part counts from 0")
-    for known in cls.keys:
-        if values.get(known.name, known.low) < known.low:
-            raise ConfigError(f"extension.terms: {text!r}: {known.name} is below {known.low:g}")
-    try:
-        finite = _finite(columns)
-    except KeyError as missing:
-        raise ConfigError(f"extension.terms: {text!r}: {missing.args[0]} is missing") from None
     if not finite:
         raise ConfigError(f"extension.terms: {text!r}: no column can be made with a length or a time of 0")
     return TermSpec(cls, values, int(part), scale, (low, high) if np.isfinite([low, high]).any() else None)

@@ -23,13 +23,22 @@ from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import beyond_time, times
 from friction_estimator.effects.kernels import DELAY_LINE, delayed, force_lag
-from friction_estimator.effects.reference import BOUNDARY, FORCE, SHEAR, Reference
+from friction_estimator.effects.reference import FORCE, THEORY, Reference
 from friction_estimator.effects.trace import Trace
 from friction_estimator.effects.whole import FirstOrder, StaticTables, shifted, unfiltered
 
-Compute = Callable[[Features, Reference, Floats], Floats]
+Change = Callable[[Features, Reference, Floats, Sequence[int]], Floats]
+"""(features, reference, state, parts of the force) -> what a time changes of their sum, (n,), N."""
 
-THEORY = (BOUNDARY, SHEAR)
+
+def _columns(change: Change, state: int = 0) -> Columns:
+    """Return what a time changes of the force, as one column that has the theory's own lags in it."""
+    return Columns(
+        lambda f, r, s: change(f, r, s, (FORCE,)),
+        state=state,
+        filtered=True,
+        of_theory=lambda f, r, s: change(f, r, s, THEORY),
+    )
 
 
 def _change(velocity_m_s: Floats, features: Features, reference: Reference, parts: Sequence[int]) -> Floats:
@@ -97,15 +106,12 @@ class TimeDelay(Timing):
     def columns(cls, params: Params) -> Columns:
         """Return F(t - D) - F(t)."""
 
-        def change(*parts: int) -> Compute:
-            def compute(f: Features, r: Reference, s: Floats) -> Floats:
-                moved = np.empty(f.size)
-                delayed(f.step_s, f.velocity_m_s, params["delay"], s, moved)
-                return _change(moved, f, r, parts)
+        def change(f: Features, r: Reference, s: Floats, parts: Sequence[int]) -> Floats:
+            moved = np.empty(f.size)
+            delayed(f.step_s, f.velocity_m_s, params["delay"], s, moved)
+            return _change(moved, f, r, parts)
 
-            return compute
-
-        return Columns(change(FORCE), state=DELAY_LINE, filtered=True, of_theory=change(*THEORY))
+        return _columns(change, DELAY_LINE)
 
     @classmethod
     def whole(cls, params: Params, tables: StaticTables, features: Features) -> Floats:
@@ -180,16 +186,13 @@ class SensorLowpass(Timing):
         """Return LP(F) - F, with two equal poles where they are asked for."""
         tau, two = _pole(params)
 
-        def change(*parts: int) -> Compute:
-            def compute(f: Features, r: Reference, s: Floats) -> Floats:
-                out = np.empty(f.size)
-                within = r.within(f.previous_m_s, f.velocity_m_s, f.pressure_Pa, *parts)
-                force_lag(f.step_s, f.previous_m_s, f.velocity_m_s, within, tau, two, r.bend_m_s, s, out)
-                return out
+        def change(f: Features, r: Reference, s: Floats, parts: Sequence[int]) -> Floats:
+            out = np.empty(f.size)
+            within = r.within(f.previous_m_s, f.velocity_m_s, f.pressure_Pa, *parts)
+            force_lag(f.step_s, f.previous_m_s, f.velocity_m_s, within, tau, two, r.bend_m_s, s, out)
+            return out
 
-            return compute
-
-        return Columns(change(FORCE), state=4, filtered=True, of_theory=change(*THEORY))
+        return _columns(change, 4)
 
     @classmethod
     def variants(cls, params: Params) -> list[dict[str, float]]:
@@ -280,13 +283,10 @@ class VelocityDelay(Timing):
         its deviation: a noisy channel is smoothed before.
         """
 
-        def change(*parts: int) -> Compute:
-            def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
-                return _change(f.velocity_m_s + params["delay"] * f.acceleration_m_s2, f, r, parts)
+        def change(f: Features, r: Reference, s: Floats, parts: Sequence[int]) -> Floats:  # noqa: ARG001
+            return _change(f.velocity_m_s + params["delay"] * f.acceleration_m_s2, f, r, parts)
 
-            return compute
-
-        return Columns(change(FORCE), filtered=True, of_theory=change(*THEORY))
+        return _columns(change)
 
     @classmethod
     def variants(cls, params: Params) -> list[dict[str, float]]:
