@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from friction_estimator.cli import common, joints, many
 from friction_estimator.cli.progress import progress
 from friction_estimator.core.errors import InputError, about
+from friction_estimator.core.memory import kept
 from friction_estimator.core.quantities import Quantities
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
@@ -70,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
     for name in ("rig", "workers", "scheduler"):
         if getattr(args, name) is not None:
             raise InputError(f"--{name} goes with --each: without it all recordings are diagnosed as one")
-    with common.Output(args.json, args.out, joints.refusal(refusal), common.paths_read(args)) as output:
+    with kept(), common.Output(args.json, args.out, joints.refusal(refusal), common.paths_read(args)) as output:
         return joints.run(args, output, _HEADS, _run)
 
 

@@ -10,6 +10,7 @@ from friction_estimator.cli import common, joints, loads, side_by_side
 from friction_estimator.cli.progress import progress
 from friction_estimator.cli.recorded import Described, Session, add_run_options, load, outputs, tell_theory, tell_units
 from friction_estimator.core.errors import about
+from friction_estimator.core.memory import kept
 from friction_estimator.core.model.theory_choice import has_pressure, told
 from friction_estimator.core.online.record_figures import RecordFigures
 from friction_estimator.core.online.replay import Replay, check_answerable, concluded, foreseen, replay
@@ -39,7 +40,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
-    with outputs(args) as output:
+    with kept(), outputs(args) as output:
         return joints.run(args, output, joints.HEADS, _run)
 
 

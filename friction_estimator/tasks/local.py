@@ -16,6 +16,7 @@ from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from types import TracebackType
 
+from friction_estimator.core.memory import kept
 from friction_estimator.startup import spare_the_start
 from friction_estimator.tasks.task import LOST, Done, Failure, Task, attempt
 from friction_estimator.threads import VARIABLES
@@ -163,7 +164,7 @@ def _serve(connection: Connection, ready: Callable[[], None] | None) -> None:
     if ready is not None:
         with suppress(Exception):  # the task that needs it says what is wrong
             ready()
-    with suppress(EOFError, OSError):
+    with suppress(EOFError, OSError), kept():
         while True:
             function, arguments = connection.recv()
             connection.send((attempt(function, arguments), _resident()))
