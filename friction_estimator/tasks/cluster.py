@@ -9,6 +9,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from itertools import islice
+from time import monotonic, sleep
 from types import TracebackType
 from typing import Any
 
@@ -24,6 +25,9 @@ CONNECT_S = 10.0
 
 WORKERS_S = 30.0
 """Time in which a first worker must be there, and after which it is noticed that there is none any more."""
+
+POLL_S = 0.01
+"""Time between two looks for results; the workers have others to compute meanwhile."""
 
 AHEAD, AHEAD_EACH = 64, 4
 """Tasks that the scheduler holds at the least, and for each thread of its workers: no more of them are in memory."""
@@ -88,26 +92,33 @@ class Cluster:
 
     def _computed(self, tasks: Iterator[Task], ahead: int) -> Iterator[Done]:
         """Yield tasks as they are done; the failure is `_KILLED` where Dask has given a task up."""
-        from distributed import CancelledError, wait  # noqa: PLC0415
+        from distributed import as_completed  # noqa: PLC0415
 
         pending: dict[Any, Task] = {}
+        completed = as_completed(loop=self._client.loop)
         code = identity.code()
         while True:
             for task in islice(tasks, ahead - len(pending)):
                 future = self._client.submit(_compute, code, task.function, task.arguments, pure=False)
                 pending[future] = task
+                completed.add(future)
             if not pending:
                 return
-            try:
-                ready, _ = wait(list(pending), timeout=WORKERS_S, return_when="FIRST_COMPLETED")
-            except TimeoutError:
-                self._check_alive()
-                continue
-            except CancelledError as error:
-                raise self._lost() from error
-            for future in ready:
-                if future.status not in ("pending", "lost"):  # its result went with its worker: it is computed again
+            self._await(completed)
+            for future in completed.next_batch(block=False):
+                if future.status in ("pending", "lost"):  # its result went with its worker: it is computed again
+                    completed.add(future)
+                else:
                     yield self._done(future, pending.pop(future))
+
+    def _await(self, completed: Any) -> None:
+        """Return when a task is done. Raises InputError where nothing computes any more."""
+        until = monotonic() + WORKERS_S
+        while not completed.has_ready():
+            if monotonic() > until:
+                self._check_alive()
+                until = monotonic() + WORKERS_S
+            sleep(POLL_S)  # what waits on all futures at once costs each result some time for every one of them
 
     def _done(self, future: Any, task: Task) -> Done:
         from distributed import KilledWorker  # noqa: PLC0415
