@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 
 from friction_estimator.core.errors import InputError
 
@@ -32,3 +33,9 @@ def was_loaded():
 def not_loaded():
     """Fail while a process starts."""
     raise ImportError("nothing to load")
+
+
+def process_after(pause_s):
+    """Return the number of the process after a while."""
+    time.sleep(pause_s)
+    return os.getpid()

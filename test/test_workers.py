@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
-from marked_tasks import loaded, not_loaded, twice, was_loaded
+from marked_tasks import loaded, not_loaded, process_after, twice, was_loaded
 
 from friction_estimator.tasks import local
 from friction_estimator.tasks.local import LocalWorkers
@@ -152,6 +152,23 @@ def test_a_process_that_holds_much_memory_is_replaced(tmp_path, monkeypatch):
 
     assert processes(1) == 3
     assert processes(1 << 40) == 1
+
+
+def test_processes_share_no_recording_while_there_is_another():
+    """They came recording by recording, and each process read every one of them."""
+    tasks = [Task((kin, k), process_after, (0.2,), kin) for kin in "ab" for k in range(6)]
+    with LocalWorkers(2) as workers:
+        looked_at = {(done.task.kin, done.result) for done in workers.run(tasks)}
+    assert len(looked_at) <= 3  # at the end one may help the other
+
+
+def test_a_task_that_was_handed_out_in_vain_is_handed_out_next():
+    tasks = [Task(key, process_after, (0.0,), key[0]) for key in ("a1", "b1")]
+    waiting = local.Waiting(tasks)
+    taken = waiting.take(None)
+    waiting.give_back(taken)
+    assert [waiting.take(taken), waiting.take(taken)] == tasks
+    assert not waiting
 
 
 def test_a_failure_where_all_are_needed_keeps_its_code_and_its_trace(tmp_path):

@@ -29,11 +29,12 @@ _TOLD = 3
 
 @dataclass(frozen=True)
 class Piece:
-    """A task to be: what identifies its result, and how it is computed."""
+    """A task to be: what identifies its result, how it is computed, and with which others it shares a recording."""
 
     facts: Mapping[str, Any]
     function: Callable[..., Any]
     arguments: tuple[Any, ...]
+    kin: str = ""
 
 
 Row = dict[str, Any] | Failure
@@ -149,7 +150,7 @@ def computed(
         known = {key: row for key, row in former.items() if key in wanted and _is_row(row) and row["problem"] is None}
         known |= {key: row for key, row in journal.rows().items() if key in wanted and _is_row(row)}
         tasks = [
-            Task(key, piece.function, piece.arguments)
+            Task(key, piece.function, piece.arguments, piece.kin)
             for key, piece in dict(zip(keys, pieces, strict=True)).items()
             if key not in known
         ]

@@ -71,7 +71,8 @@ def _rows(
             same = {"verb": "sweep", "recording": file.content, "others": [other.content for other in others]}
             for c in range(len(configs)):
                 job = Job(file, others, settings[c], topics, share)
-                pieces.append(many.Piece({**same, "topics": topics, "share": share, **facts[c]}, judge, (job,)))
+                own = {**same, "topics": topics, "share": share, **facts[c]}
+                pieces.append(many.Piece(own, judge, (job,), file.content))
                 places.append((c, r))
         found, text = many.computed(pieces, args, output, "sweeping", pool)
     rows: list[list[many.Row]] = [

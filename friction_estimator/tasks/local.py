@@ -7,7 +7,8 @@ up all of its work then.
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections import deque
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import get_context, parent_process, resource_tracker
@@ -75,24 +76,25 @@ class LocalWorkers:
     def run(self, tasks: Iterable[Task]) -> Iterator[Done]:
         """Yield each task once it is done; see `Workers.run`."""
         suspects: list[Task] = []
-        for done in self._computed(iter(tasks), self._count):
+        for done in self._computed(tasks, self._count):
             if done.failure is _DIED:
                 suspects.append(done.task)
             else:
                 yield done
-        for done in self._computed(iter(suspects), 1):  # alone: each for itself may have found memory enough
+        for done in self._computed(suspects, 1):  # alone: each for itself may have found memory enough
             yield Done(done.task, failure=Failure(LOST, 2)) if done.failure is _DIED else done
 
-    def _computed(self, tasks: Iterator[Task], count: int) -> Iterator[Done]:
+    def _computed(self, tasks: Iterable[Task], count: int) -> Iterator[Done]:
         """Yield tasks as they are done by `count` processes; the failure is `_DIED` where the process died of it."""
-        following = next(tasks, None)
-        while following is not None or self._busy:
-            while following is not None and len(self._busy) < count:
+        waiting = Waiting(tasks)
+        while waiting or self._busy:
+            while waiting and len(self._busy) < count:
                 worker = self._idle.pop() if self._idle else _started(self._ready)
-                if worker.begin(following):
+                task = waiting.take(worker.task)
+                if worker.begin(task):
                     self._busy[worker.connection] = worker
-                    following = next(tasks, None)
                 else:  # it died without work
+                    waiting.give_back(task)
                     worker.end()
             for connection in wait(list(self._busy)):
                 assert isinstance(connection, Connection)
@@ -104,6 +106,47 @@ class LocalWorkers:
                 else:
                     worker.end()
                 yield done
+
+
+class Waiting:
+    """Tasks that nobody computes yet, handed out so that few processes look at the same thing.
+
+    A process goes on with the kin of its last task. When they are all handed out it takes a kin that nobody has begun,
+    and when all are begun, that of which most is left.
+
+    Examples
+    --------
+    >>> tasks = [Task(key, print, (), kin=key[0]) for key in ("a1", "a2", "b1", "b2", "b3")]
+    >>> waiting = Waiting(tasks)
+    >>> first, second = waiting.take(None), waiting.take(None)
+    >>> first.key, second.key, waiting.take(first).key, waiting.take(first).key, waiting.take(second).key, bool(waiting)
+    ('a1', 'b1', 'a2', 'b2', 'b3', False)
+    """
+
+    def __init__(self, tasks: Iterable[Task]) -> None:
+        self._left: dict[Hashable, deque[Task]] = {}
+        for task in tasks:
+            self._left.setdefault(task.kin, deque()).append(task)
+        self._new = deque(self._left)  # kins that nobody has begun, as far as is known here
+
+    def __bool__(self) -> bool:
+        return bool(self._left)
+
+    def take(self, last: Task | None) -> Task:
+        """Return the next task for a process that has computed `last`; there is one."""
+        kin = None if last is None else last.kin
+        while kin not in self._left and self._new:
+            kin = self._new.popleft()
+        if kin not in self._left:
+            kin = max(self._left, key=lambda kin: len(self._left[kin]))
+        task = self._left[kin].popleft()
+        if not self._left[kin]:
+            del self._left[kin]
+        return task
+
+    def give_back(self, task: Task) -> None:
+        """Take back a task that was handed out in vain."""
+        self._left.setdefault(task.kin, deque()).appendleft(task)
 
 
 _DIED = Failure("", 0)

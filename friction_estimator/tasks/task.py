@@ -14,11 +14,15 @@ LOST = "its worker process ended twice while it was computed, for want of memory
 
 @dataclass(frozen=True)
 class Task:
-    """A pure function of a module, and its arguments; the key names it among those of a run."""
+    """A pure function of a module, and its arguments; the key names it among those of a run.
+
+    Tasks of one `kin` look at the same thing, such as a recording, which a process that has read it keeps.
+    """
 
     key: Hashable
     function: Callable[..., Any]
     arguments: tuple[Any, ...]
+    kin: Hashable = None
 
 
 @dataclass(frozen=True)
