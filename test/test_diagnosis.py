@@ -10,6 +10,7 @@ import pytest
 from diagnosis_records import abba, names, record, set_of
 from measured_seals import WITHOUT_THEORY, check_measured_seal
 
+from friction_estimator.bag.table import TableSpec, read_table
 from friction_estimator.cli.main import main
 from friction_estimator.core.errors import UnanswerableError
 from friction_estimator.core.online.replay import replay
@@ -297,6 +298,18 @@ def test_a_gain_that_steps_in_the_first_lap_of_a_measured_ball_screw_is_named(sh
     assert found["gain_step"].parameters["step"].value == pytest.approx(0.107, rel=0.15)
     assert found["gain_step"].parameters["at"].low < 4.013 < found["gain_step"].parameters["at"].high
     assert not {"time_delay", "sensor_lowpass"} & set(found["gain_step"].rivals)
+
+
+def test_a_recorded_variable_does_not_come_before_what_explains_much_more(shared_data: Path) -> None:
+    """At one nominal pressure; its errors tell no cause from another, and nothing passed beside the pressure."""
+    inputs = {"velocity": "v_m_s", "friction": "friction_N", "pressure": "pressure_Pa", "position": "x_m"}
+    spec = TableSpec("t_s", inputs, [("seal", "O-ring257"), ("nominal_bar", "5")], "segment")
+    samples, _ = read_table(shared_data / "seal_zillen_pneumatic" / "data.csv", spec)
+    found = diagnose([samples], Config.from_mapping(WITHOUT_THEORY))
+    first = found.effects[0]
+    assert first.name in {"sensor_bias", "direction_asymmetry"}
+    assert "pressure_dependence" in first.rivals
+    assert found.total_gain.reduction_percent > 30.0  # by the pressure alone 9.4
 
 
 @pytest.mark.parametrize(

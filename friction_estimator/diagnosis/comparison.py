@@ -26,6 +26,9 @@ CONTENDER = 0.25
 MEASURED_SHARE = 0.25
 """Of the best gain: what a recorded variable must explain to be preferred to an unrecorded one."""
 
+EQUAL_SHARE = 0.9
+"""Of the best gain: what a recorded variable must explain to be named instead of what does not go with time."""
+
 CLOSE = 0.6
 """Of the best gain: what a candidate of another family must bring to be compared with the best one cause ahead."""
 
@@ -79,7 +82,7 @@ class Comparison:
         same = _equals(best, fits.values())
         # What goes with time is made as well as that of a recorded variable by many a shape; anything else is not.
         slow = best.effect.acts == SLOW
-        measured = next((c for c in same if c.effect.recorded and (slow or within_errors(best, c))), None)
+        measured = next((c for c in same if c.effect.recorded and (slow or _as_well(c, best))), None)
         if measured is not None and not best.effect.recorded:
             # Of equals the one whose cause was recorded is named: it needs no cause that nobody saw.
             best = measured
@@ -172,6 +175,14 @@ class Comparison:
 def _equals(best: Candidate, others: Iterable[Candidate]) -> list[Candidate]:
     """Return the contenders that explain the record as well as the best one does, best first."""
     return equals(best, [c for c in others if c.gain > CONTENDER * best.gain])
+
+
+def _as_well(one: Candidate, best: Candidate) -> bool:
+    """Return whether one explains a record as well as the best: it says nothing of which is better, and hardly less.
+
+    In a short one, which no errors tell anything of, a cause may explain a third more than another.
+    """
+    return within_errors(best, one) and one.gain > EQUAL_SHARE * best.gain
 
 
 def _behind_N2(best: Candidate, other: Candidate) -> float:
