@@ -150,24 +150,28 @@ SLOW = tuple(segment(*s) for s in ((1.0, 50.0, 6.0), (3.0, 50.0, 9.0), (1.0, 200
 
 
 @pytest.mark.parametrize(
-    ("plant", "hidden"),
+    ("plant", "theory", "hidden"),
     [
         # The theory has a memory of its own here: it is late with the rest, and runs in the force that others are of.
-        ("parallel_memory", ("time_delay:delay=0.004", "inertia:mass=1")),
-        ("parallel_memory", ("sensor_lowpass:time_constant=0.01", "direction_asymmetry:asymmetry=0.1")),
-        ("parallel_memory", ("velocity_delay:delay=0.004", "side_spring:stiffness=10")),
-        ("parallel_memory", ("backlash:gap=2e-5",)),
+        ("parallel_memory", "seal", ("time_delay:delay=0.004", "inertia:mass=1")),
+        ("parallel_memory", "seal", ("sensor_lowpass:time_constant=0.01", "direction_asymmetry:asymmetry=0.1")),
+        ("parallel_memory", "seal", ("velocity_delay:delay=0.004", "side_spring:stiffness=10")),
+        ("parallel_memory", "seal", ("backlash:gap=2e-5",)),
         # Two of one stage that are made from the force: the second one has the first in it.
-        ("parallel_memory", ("gain_step:step=0.15,at=20", "backlash:gap=4e-5")),
-        ("film_lag", ("time_delay:delay=0.006", "direction_asymmetry:asymmetry=0.1")),
-        ("maxwell_slip", ("viscosity_drift:drop=0.3,time_constant=10",)),
+        ("parallel_memory", "seal", ("gain_step:step=0.15,at=20", "backlash:gap=4e-5")),
+        ("film_lag", "seal", ("time_delay:delay=0.006", "direction_asymmetry:asymmetry=0.1")),
+        ("maxwell_slip", "seal", ("viscosity_drift:drop=0.3,time_constant=10",)),
+        # A theory that does not say what of it is a film's: its own share of the force is another one than the whole.
+        ("parallel_memory", "stribeck", ("gain_step:step=0.15,at=20",)),
+        ("clean", "stribeck", ("frictional_lag:lag=0.01",)),
     ],
 )
-def test_frozen_it_is_the_fit(plant: str, hidden: tuple[str, ...]) -> None:
+def test_frozen_it_is_the_fit(plant: str, theory: str, hidden: tuple[str, ...]) -> None:
     effects = tuple(parse_effect(e) for e in hidden)
     samples = simulate(Scenario(SLOW, plant, 200.0, 0.01, 3, effects)).samples
     names = {e.name for e in effects} | {"frictional_lag", "presliding"}
-    found = diagnose([samples], Config.from_mapping(SEAL), catalogue={name: EFFECTS[name] for name in names})
+    given = Config.from_mapping({"theory.kind": theory})
+    found = diagnose([samples], given, catalogue={name: EFFECTS[name] for name in names})
     assert {e.name for e in effects} <= {cause.name for cause in found.effects}
     frozen = extended_config(found).updated({"model.adapt": False})
     predicted = replay(samples, frozen, extension=extension_from_config(frozen)).predicted_N

@@ -153,5 +153,7 @@ def _tabulated(
     """Tabulate a force and the parts of a theory of this gain at the record's pressures and mean temperature."""
     warm = float(record.features.temperature_degC.mean())
     nodes = pressure_nodes(record.features.pressure_Pa)
-    parts = theory_parts(theory, gain, warm)
+    viscous, boundary, whole = theory_parts(theory, gain, warm)
+    # A film is sought in all of the force where the theory does not say what of it is a film's.
+    parts = (viscous, boundary, None if boundary is None else whole)
     return Reference.tabulate(lambda v, p: force(v, p, warm), *parts, axis, nodes, sign_velocity_m_s, taps)

@@ -13,7 +13,7 @@ import numpy as np
 from friction_estimator.core.intake.strokes import REVERSAL_SHARE
 from friction_estimator.core.model.basis import basis_from_config
 from friction_estimator.core.model.structure import check_count, theory_scale
-from friction_estimator.core.model.theory import theory_from_config
+from friction_estimator.core.model.theory import TheoryCurve, theory_from_config
 from friction_estimator.core.model.theory_seal import SealCurve
 from friction_estimator.core.online.first_contact import meet
 from friction_estimator.core.sample import Bools, Floats, Samples
@@ -186,11 +186,13 @@ def reference_from_config(config: Config) -> Reference:
 
 
 def theory_parts(
-    theory: object, gain: float, temperature_degC: float
+    theory: TheoryCurve | None, gain: float, temperature_degC: float
 ) -> tuple[Surface | None, Surface | None, Surface | None]:
-    """Return viscous derivative, boundary part and whole of a seal theory times `gain`, or None for other theories."""
-    if not isinstance(theory, SealCurve):
+    """Return viscous derivative, boundary part and whole of a theory times `gain`: the first two of a seal's alone."""
+    if theory is None:
         return None, None, None
+    if not isinstance(theory, SealCurve):
+        return None, None, lambda v, p: np.asarray(gain * theory.evaluate(v, p, np.full(v.size, temperature_degC)))
     curve = theory
 
     def derivative(v: Floats, p: Floats, viscosity: float, friction: float) -> Floats:

@@ -13,7 +13,7 @@ from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import beyond_time, times
 from friction_estimator.effects.kernels import DELAY_LINE, LEAST_FILM, delayed, film_speed, film_way, on_film
-from friction_estimator.effects.reference import BOUNDARY, FORCE, SHEAR, Reference
+from friction_estimator.effects.reference import FORCE, THEORY, Reference
 from friction_estimator.effects.trace import Trace
 
 
@@ -223,7 +223,7 @@ def film_of(features: Features, reference: Reference, params: Params, state: Flo
 def _more_on(film_m_s: Floats, velocity_m_s: Floats, pressure_Pa: Floats, rest: float, reference: Reference) -> Floats:
     """Return by how much friction on the film of another speed differs, (n,), N; see `kernels.on_film`."""
     r, slowest, out = reference, LEAST_FILM * reference.sign_velocity_m_s, np.empty(film_m_s.size)
-    parts = (FORCE, BOUNDARY, SHEAR)
+    parts = (FORCE, *THEORY)
     there = r.once(film_m_s, pressure_Pa, *parts)
     here = tuple(r.part(part, velocity_m_s, pressure_Pa, slowest) for part in parts)
     on_film(velocity_m_s, film_m_s, r.sign_velocity_m_s, rest, there, here, out)

@@ -11,9 +11,10 @@ from friction_estimator.effects.axis import LastFew, VelocityAxis, share_of
 
 VELOCITIES = 801
 
-FORCE, VISCOUS, BOUNDARY, SHEAR = range(4)
+PARTS = 5
+FORCE, VISCOUS, BOUNDARY, DRY, WET = range(PARTS)
 
-THEORY = (BOUNDARY, SHEAR)
+THEORY = (DRY, WET)
 """The parts that the theory's share of the force is the sum of."""
 
 LOWEST = 0.1
@@ -99,9 +100,9 @@ class Reference:
 
     Attributes
     ----------
-    tables : (4, n_pressures, VELOCITIES), N: the force F(v, p); its derivative with respect to the logarithm of the
-        viscosity; the boundary part (the derivative with respect to the logarithm of its coefficient); and the
-        shear part, which is the rest of the theory.
+    tables : (PARTS, n_pressures, VELOCITIES), N: the force F(v, p); its derivative with respect to the logarithm of the
+        viscosity; the boundary part (the derivative with respect to the logarithm of its coefficient); and of the
+        theory's share of the force the boundary part and the shear part, which is the rest.
     pressures_Pa : (n_pressures,), increasing gauge pressures.
     axis : the velocities.
     sign_velocity_m_s : v_s of the smooth sign tanh(v / v_s).
@@ -131,27 +132,34 @@ class Reference:
     ) -> "Reference":
         """Tabulate the surfaces over `VELOCITIES` of the axis.
 
-        `taps` are those of the base model's FIR. Without a theory the parts are taken as the viscous v and the
-        Coulomb tanh(v / v_s), both scaled to the force, and the shear part is the rest.
+        `taps` are those of the base model's FIR. Where a theory has no such parts they are taken as the viscous v and
+        the Coulomb tanh(v / v_s), both scaled to the force, its own one to the theory. Without a theory all of the
+        force stands for it.
         """
         top_m_s, velocity = axis.top_m_s, axis.velocities(VELOCITIES)
-        scale = float(np.max(np.abs(force(np.array([top_m_s]), pressures_Pa[:1])))) or 1.0
-        if viscous is None or boundary is None or theory is None:
-            theory = force
+
+        def at_top(surface: Surface) -> float:
+            return float(surface(np.array([top_m_s]), pressures_Pa[:1])[0])
+
+        def coulomb(scale: float) -> Surface:
+            return lambda v, p: np.asarray(scale * np.tanh(v / sign_velocity_m_s) + 0.0 * p)
+
+        dry = boundary
+        if viscous is None or boundary is None or dry is None:
+            scale = abs(at_top(force)) or 1.0
+            boundary = coulomb(scale)
+            dry = boundary if theory is None else coulomb(at_top(theory))
 
             def viscous(v: Floats, p: Floats) -> Floats:
                 return scale * v / top_m_s + 0.0 * p
 
-            def boundary(v: Floats, p: Floats) -> Floats:
-                return np.asarray(scale * np.tanh(v / sign_velocity_m_s) + 0.0 * p)
-
         tables = np.array(
             [
                 [surface(velocity, np.full(velocity.size, p)) for p in pressures_Pa]
-                for surface in (force, viscous, boundary, theory)
+                for surface in (force, viscous, boundary, dry, theory or force)
             ]
         )
-        tables[SHEAR] -= tables[BOUNDARY]
+        tables[WET] -= tables[DRY]
         return cls(
             tables,
             np.asarray(pressures_Pa, np.float64),
@@ -177,7 +185,7 @@ class Reference:
         return self.axis.bend_m_s
 
     def part(self, which: int, velocity_m_s: Floats, pressure_Pa: Floats, slowest_m_s: float = 0.0) -> Floats:
-        """Return FORCE, VISCOUS, BOUNDARY or SHEAR at the given points, (n,), N; not to be written to.
+        """Return FORCE, VISCOUS, BOUNDARY, DRY or WET at the given points, (n,), N; not to be written to.
 
         Where `slowest_m_s` is given it is that at the speeds, none of them as lower.
         """

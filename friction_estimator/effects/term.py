@@ -16,7 +16,7 @@ from friction_estimator.effects.axis import VelocityAxis
 from friction_estimator.effects.base import EFFECTS, SLOW, Effect
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import FeatureMaker, Features
-from friction_estimator.effects.reference import Reference
+from friction_estimator.effects.reference import PARTS, Reference
 
 PART, SCALE, FROM, TO = "part", "scale", "from", "to"
 
@@ -118,7 +118,7 @@ def _finite(columns: Columns) -> bool:
     velocity = np.array([0.0, 0.3, 1.0, -0.3, -1.0, -0.2])
     stamps, restart = np.arange(6) * 100_000_000, np.arange(6) == 0
     features = FeatureMaker(0.0, 0.0, 20.0)(Samples(stamps, velocity, np.zeros(6), restart))
-    curve = Reference(np.tile(np.linspace(-1.0, 1.0, 3), (4, 1, 1)), np.zeros(1), VelocityAxis(1.0), 0.1)
+    curve = Reference(np.tile(np.linspace(-1.0, 1.0, 3), (PARTS, 1, 1)), np.zeros(1), VelocityAxis(1.0), 0.1)
     try:
         with np.errstate(all="ignore"):
             return bool(np.isfinite(columns(features, curve)).all())
