@@ -1,13 +1,13 @@
 """Hide effects in recordings of real machines: plants that no simulation made.
 
-    python benchmarks/diagnosis/measured.py --seed 4 --workers 2                   what ../shared/data holds
-    python benchmarks/diagnosis/measured.py --seed 4 --workers 2 --tables DIR      and the tables of ../shared/real
+    python benchmarks/diagnosis/measured.py --seed 5 --workers 2                   what ../shared/data holds
+    python benchmarks/diagnosis/measured.py --seed 5 --workers 2 --tables DIR      and the tables of ../shared/real
 
 What a machine says of itself, with nothing hidden, is not judged: nobody knows its truth. Judged is what an answer says
 beside that. Each effect changes the recorded force (or velocity) by `--size` of the force's rms, along the motion that
 was recorded. What acts through the curve of friction acts on a Coulomb and viscous fit of the machine; the rest of the
 measured force stays. One JSON line a record goes to benchmarks/out/; a run that was interrupted goes on where it
-stopped. Seeds 0 and 1 are for tuning, 2 and 3 were looked at. Set OPENBLAS_NUM_THREADS=1.
+stopped. Seeds 0 and 1 are for tuning, 2 to 4 were looked at. Set OPENBLAS_NUM_THREADS=1.
 """
 
 import argparse
