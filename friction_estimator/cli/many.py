@@ -34,7 +34,7 @@ class Piece:
     facts: Mapping[str, Any]
     function: Callable[..., Any]
     arguments: tuple[Any, ...]
-    kin: str = ""
+    kin: str | None = None
 
 
 Row = dict[str, Any] | Failure

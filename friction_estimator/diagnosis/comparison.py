@@ -178,9 +178,9 @@ def _equals(best: Candidate, others: Iterable[Candidate]) -> list[Candidate]:
 
 
 def _as_well(one: Candidate, best: Candidate) -> bool:
-    """Return whether one explains a record as well as the best: it says nothing of which is better, and hardly less.
+    """Return whether one explains a record as well as the best: the record does not tell, and one brings hardly less.
 
-    In a short one, which no errors tell anything of, a cause may explain a third more than another.
+    A short record, whose errors are large, does not tell causes apart of which one explains a third more.
     """
     return within_errors(best, one) and one.gain > EQUAL_SHARE * best.gain
 

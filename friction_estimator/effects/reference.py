@@ -144,8 +144,9 @@ class Reference:
         def coulomb(scale: float) -> Surface:
             return lambda v, p: np.asarray(scale * np.tanh(v / sign_velocity_m_s) + 0.0 * p)
 
-        dry = boundary
-        if viscous is None or boundary is None or dry is None:
+        if viscous is not None and boundary is not None:
+            dry = boundary
+        else:
             scale = abs(at_top(force)) or 1.0
             boundary = coulomb(scale)
             dry = boundary if theory is None else coulomb(at_top(theory))
