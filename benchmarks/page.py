@@ -384,9 +384,10 @@ def many(figures: Figures) -> str:
     return "\n\n".join(
         [
             f"{'; '.join(about)}. Times by the clock, start and the writing of the output included; the processor time "
-            "of Dask's workers, which are there before, is not the verb's. Rows are those of rows.jsonl, compared as "
-            "bytes. Twice at once is what the machine gives: two runs of one process each, started together, that "
-            "share nothing else, and one process over half of their time.",
+            "of Dask's workers, which are there before, is not the verb's, and no cluster waits beside what is "
+            "measured without it. Rows are those of rows.jsonl, compared as bytes. Twice at once is what the machine "
+            "gives: two runs of one process each, started together, that share nothing else, and one process over half "
+            "of their time.",
             table(["verb", "on", "s by the clock", "processor time, s", "one process over it", "rows"], lines),
             "Growth, by the clock:",
             table(["verb", "over", "sizes", "s", "exponent"], scaling),
