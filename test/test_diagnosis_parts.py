@@ -175,6 +175,19 @@ def test_noise_of_any_colour_has_no_outliers(clean: Samples, pole: float) -> Non
     assert set(np.flatnonzero(record.used & ~found.used)) == {517, 1493, 2581, 3444, 4719, 5301}
 
 
+def test_where_held_values_end_is_no_outlier(clean: Samples) -> None:
+    from scipy.signal import lfilter
+
+    record = build_record([clean], Config())
+    residual = lfilter([1.0], [1.0, -0.97], np.random.default_rng(3).standard_normal(len(clean)))
+    used = record.used.copy()
+    for start in range(100, len(clean) - 10, 170):
+        held = slice(start, start + 8)
+        residual[held] = residual[start - 1] + 1.5 * np.arange(1, 9)  # a little further off with each sample
+        used[held] = False
+    assert outliers(record.with_force(record.friction_N, used), residual) is None
+
+
 @pytest.mark.parametrize(("height", "places", "found"), [(9.0, [517, 3444, 5301], False), (20.0, [517, 3444], True)])
 def test_two_spikes_are_some_if_they_are_far_off(clean: Samples, height: float, places: list[int], found: bool) -> None:
     record = build_record([clean], Config())

@@ -179,7 +179,8 @@ class Outliers(Effect):
 
         Steps of a coarse lattice scatter by a twelfth of their square, however seldom the residual shows it. And a
         spike is more than the model's own force changes by from one sample to the next: an error of time, a sample
-        long, makes as much.
+        long, makes as much. Of the first samples after a gap or after masked ones no innovation is known: where values
+        were held, the error comes back at once.
         """
         residual, used = view.residual_N, view.used
         if residual is None or any(fault.conceals for fault in view.found):
@@ -193,7 +194,7 @@ class Outliers(Effect):
         scale = np.maximum(local_scale(view.features, used, innovation), view.lattice_N / np.sqrt(12.0))
         size = np.abs(innovation) / scale
         change = np.abs(np.diff(view.force_N - residual))
-        hit = (size > SPIKE) & used
+        hit = (size > SPIKE) & used & _continued(view)
         hit[1:] &= np.abs(innovation[1:]) > change
         hit[:-1] &= np.abs(innovation[:-1]) > change
         neighbours = np.zeros(hit.size)
@@ -233,6 +234,14 @@ def _mean_interval(values: Ints) -> tuple[float, float]:
     mean = float(np.mean(values))
     reach = 2.0 * float(np.std(values)) / float(np.sqrt(len(values))) + 0.5
     return mean - reach, mean + reach
+
+
+def _continued(view: DataView) -> Bools:
+    """Return which samples follow two usable ones without a gap, (n,)."""
+    out = np.zeros(view.used.size, np.bool_)
+    whole = view.used[:-1] & ~view.restart[1:]
+    out[2:] = whole[1:] & whole[:-1]
+    return out
 
 
 def _gathered(view: DataView, hit: Bools) -> Bools:
