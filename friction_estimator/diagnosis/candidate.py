@@ -122,9 +122,12 @@ def equals(best: Candidate, others: Sequence[Candidate]) -> list[Candidate]:
 
 
 def needs_memory(best: Candidate, other: Candidate) -> bool:
-    """Return whether beside the other one the base's memory would have to do what the best one does alone."""
+    """Return whether beside the other one the base's memory would have to do what the best one does alone.
+
+    What the memory takes is in the gain: one that explains more for all that is no worse.
+    """
     energy = [c.model.joint.coefficients.memory_energy for c in (other, best)]
-    return energy[0] - energy[1] > MEMORY_EVIDENCE
+    return other.gain <= best.gain and energy[0] - energy[1] > MEMORY_EVIDENCE
 
 
 def within_errors(best: Candidate, other: Candidate) -> bool:
