@@ -165,6 +165,9 @@ def test_the_same_recording_twice_and_one_that_is_not_there_are_refused(bags, tm
     shutil.copytree(bags / "sine", copy)
     assert run(bags / "sine", copy, "--set", "fir.order=0,4", "--out", tmp_path / "out") == 2
     assert "copy is the same recording as" in capsys.readouterr().err
+    (inside,) = [item for item in copy.iterdir() if item.suffix in (".mcap", ".db3")]
+    assert run(copy, inside, "--set", "fir.order=0,4", "--out", tmp_path / "out") == 2
+    assert f"{inside.name} is a file of {copy}: each would count twice" in capsys.readouterr().err
     assert run(tmp_path / "nowhere", "--set", "fir.order=0,4", "--out", tmp_path / "out") == 2
     assert "nowhere: no such recording" in capsys.readouterr().err
 

@@ -99,8 +99,11 @@ def files(bags: Sequence[str], what: str = "BAG", known: Sequence[File | Failure
 def _refuse_doubles(paths: Sequence[Path], found: Sequence[File | Failure], what: str) -> None:
     first: dict[str, Path] = {}
     doubles = []
+    folders = {path.resolve(): path for path in paths if path.is_dir()}
     for path, file in zip(paths, found, strict=True):
-        if isinstance(file, File):
+        if path.is_file() and path.resolve().parent in folders:
+            doubles.append(f"{path} is a file of {folders[path.resolve().parent]}")
+        elif isinstance(file, File):
             if file.content in first:
                 doubles.append(f"{path} is the same recording as {first[file.content]}")
             first.setdefault(file.content, path)
