@@ -188,6 +188,22 @@ def test_where_held_values_end_is_no_outlier(clean: Samples) -> None:
     assert outliers(record.with_force(record.friction_N, used), residual) is None
 
 
+@pytest.mark.parametrize("held", [0.1, 0.3, 0.5])
+def test_spikes_between_held_values_are_told(clean: Samples, held: float) -> None:
+    record, rng = build_record([clean], Config()), np.random.default_rng(3)
+    residual, places = rng.standard_normal(len(clean)), [517, 1493, 2581, 3444, 4719, 5301]
+    lost = rng.random(len(clean)) < held
+    lost[places] = False
+    residual[places] += 12.0
+    for k in np.flatnonzero(lost):
+        residual[k] = residual[k - 1]
+    used = record.used & ~lost
+    fault = outliers(record.with_force(record.friction_N, used), residual)
+    assert fault is not None
+    assert fault.used is not None
+    assert set(np.flatnonzero(used & ~fault.used)) == set(places)
+
+
 @pytest.mark.parametrize(("height", "places", "found"), [(9.0, [517, 3444, 5301], False), (20.0, [517, 3444], True)])
 def test_two_spikes_are_some_if_they_are_far_off(clean: Samples, height: float, places: list[int], found: bool) -> None:
     record = build_record([clean], Config())

@@ -179,22 +179,24 @@ class Outliers(Effect):
 
         Steps of a coarse lattice scatter by a twelfth of their square, however seldom the residual shows it. And a
         spike is more than the model's own force changes by from one sample to the next: an error of time, a sample
-        long, makes as much. Of the first samples after a gap or after masked ones no innovation is known: where values
-        were held, the error comes back at once.
+        long, makes as much. Samples that are not used are passed over; after them, and after a gap, a spike must stand
+        out from those that follow it as well: where a value was held, the error comes back as another one, and stays.
         """
         residual, used = view.residual_N, view.used
         if residual is None or any(fault.conceals for fault in view.found):
             return None
         usual = MAD * float(np.median(np.abs(residual[used]))) + 1e-300
-        calm = np.clip(residual, -2.5 * usual, 2.5 * usual)
-        past = np.column_stack([calm[1:-1], calm[:-2]])
-        weights = np.linalg.lstsq(past, calm[2:], rcond=None)[0]
         # Clipped neighbours: a spike must not make the sample after it look like one.
-        innovation = np.concatenate([residual[:2], residual[2:] - past @ weights])
+        calm = np.clip(residual[used], -2.5 * usual, 2.5 * usual)
+        past = np.column_stack([calm[1:-1], calm[:-2]])
+        weights = np.asarray(np.linalg.lstsq(past, calm[2:], rcond=None)[0], np.float64)
+        innovation, turned = np.zeros(residual.size), np.zeros(residual.size)
+        innovation[used] = residual[used] - _predicted(calm, weights)
+        turned[used] = residual[used] - _predicted(calm[::-1], weights)[::-1]
         scale = np.maximum(local_scale(view.features, used, innovation), view.lattice_N / np.sqrt(12.0))
         size = np.abs(innovation) / scale
         change = np.abs(np.diff(view.force_N - residual))
-        hit = (size > SPIKE) & used & _continued(view)
+        hit = (size > SPIKE) & used & (_continued(view) | (np.abs(turned) > SPIKE * scale))
         hit[1:] &= np.abs(innovation[1:]) > change
         hit[:-1] &= np.abs(innovation[:-1]) > change
         neighbours = np.zeros(hit.size)
@@ -234,6 +236,11 @@ def _mean_interval(values: Ints) -> tuple[float, float]:
     mean = float(np.mean(values))
     reach = 2.0 * float(np.std(values)) / float(np.sqrt(len(values))) + 0.5
     return mean - reach, mean + reach
+
+
+def _predicted(values: Floats, weights: Floats) -> Floats:
+    """Return what the two values before each one make of it by an autoregression, (n,); 0 for the first two."""
+    return np.concatenate([np.zeros(2), np.column_stack([values[1:-1], values[:-2]]) @ weights])
 
 
 def _continued(view: DataView) -> Bools:
