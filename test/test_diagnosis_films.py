@@ -6,19 +6,16 @@ import numpy as np
 import pytest
 from diagnosis_records import names, record
 
-from friction_estimator.core.online.replay import replay
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import BaseProblem
 from friction_estimator.diagnosis.candidates import Candidates
 from friction_estimator.diagnosis.causes import LATER_SHARE
 from friction_estimator.diagnosis.diagnose import diagnose
-from friction_estimator.diagnosis.extend import extended_config
 from friction_estimator.diagnosis.guards import FORMS_SHARE
 from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import build_record
 from friction_estimator.effects import EFFECTS, Effect, parse_effect
-from friction_estimator.effects.extension import extension_from_config
 from friction_estimator.rig.drive import Segment, segment
 from friction_estimator.rig.simulate import Scenario, simulate
 
@@ -47,22 +44,6 @@ def fitting(
     data = build_record([run.samples], SEAL)
     context = data.context(SEAL, float(np.abs(data.friction_N).max()))
     return Candidates(BaseProblem(data, SEAL), context, EFFECTS, 0), float(np.square(run.noise_N[data.used]).sum())
-
-
-@pytest.mark.parametrize("lag_s", [0.004, 0.015])
-def test_without_a_theory_the_curve_follows_a_film_as_boundary_friction(lag_s: float) -> None:
-    drive = tuple(segment(t, 50.0, s) for t, s in ((1.0, 10.0), (4.0, 16.0), (1.0, 10.0), (4.0, 16.0)))
-    hidden = (parse_effect(f"frictional_lag:lag={lag_s}"),)
-    samples = simulate(Scenario(drive, "clean", 400.0, 0.01, 3, hidden)).samples
-    given = Config.from_mapping({"theory.kind": "none", "model.type": "hammerstein"})
-    found = diagnose([samples], given, catalogue=chosen("frictional_lag", "viscoelastic_relaxation", "presliding"))
-    (lag,) = found.effects
-    assert lag.name == "frictional_lag"
-    assert lag.parameters["lag"].value == pytest.approx(lag_s, rel=0.15)
-    frozen = extended_config(found).updated({"model.adapt": False})
-    predicted = replay(samples, frozen, extension=extension_from_config(frozen)).predicted_N
-    apart = predicted - (samples.friction_N - found.models[-1].residual_N)
-    assert np.sqrt(np.mean(np.square(apart[found.record.used]))) < 0.001 * np.std(samples.friction_N)
 
 
 def test_what_the_theory_does_not_say_follows_the_film_where_it_does() -> None:

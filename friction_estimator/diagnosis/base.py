@@ -1,7 +1,7 @@
 """The fitted base model: its force, its tangent, its static curve, and the tables for dynamic regressors."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -156,5 +156,4 @@ def _tabulated(
     viscous, boundary, whole = theory_parts(theory, gain, warm)
     # A film is sought in all of the force where the theory does not say what of it is a film's.
     parts = (viscous, boundary, None if boundary is None else whole)
-    made = Reference.tabulate(lambda v, p: force(v, p, warm), *parts, axis, nodes, sign_velocity_m_s, taps)
-    return replace(made, undivided=theory is None)
+    return Reference.tabulate(lambda v, p: force(v, p, warm), *parts, axis, nodes, sign_velocity_m_s, taps)

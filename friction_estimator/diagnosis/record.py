@@ -135,7 +135,6 @@ class Record:
             channels=tuple(channels),
             longest_piece_s=float(np.bincount(f.piece, weights=f.step_s).max()),
             held=tuple(zip(forward, backward, strict=True)),
-            has_theory=config.theory_kind != "none",
         )
 
 

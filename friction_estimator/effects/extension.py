@@ -179,7 +179,6 @@ def reference_from_config(config: Config) -> Reference:
     lead = float(taps[0]) if abs(taps[0]) > 0.1 * float(np.abs(taps).sum()) else 0.0
     shape = taps[1:] / lead if lead else np.zeros(0)
     made = Reference.tabulate(force, viscous, boundary, alone, VelocityAxis(top), pressures, smooth, shape)
-    made = replace(made, undivided=theory is None)
     own = np.array(learned.theory_taps)
     if theory is None or own.size != taps.size or not lead or not own.sum():
         return made

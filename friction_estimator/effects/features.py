@@ -30,7 +30,6 @@ class Context:
     longest_piece_s : longest time without a gap, s; 0 where it is not known.
     motion : "linear" or "rotary"; "" where it is not known.
     held : for each recording its samples in use, forward and backward; empty where it is not known.
-    has_theory : whether a theory says of some of the friction how it follows a film.
     """
 
     duration_s: float
@@ -50,7 +49,6 @@ class Context:
     longest_piece_s: float = 0.0
     motion: str = ""
     held: tuple[tuple[int, int], ...] = ()
-    has_theory: bool = True
 
 
 @dataclass(frozen=True, eq=False)

@@ -149,12 +149,8 @@ class FrictionalLag(Effect):
 
     @classmethod
     def grid(cls, context: Context) -> list[dict[str, float]]:
-        """Lags from 0.02 samples to a quarter of the shortest period.
-
-        Without a theory all of the curve follows the film: as its shear, or as boundary friction does.
-        """
-        rests = (0.0,) if context.has_theory else (0.0, 1.0)
-        return [lag | {"rest": rest} for rest in rests for lag in chosen(times(context), "lag")]
+        """Lags from 0.02 samples to a quarter of the shortest period."""
+        return [lag | {"rest": 0.0} for lag in chosen(times(context), "lag")]
 
     @classmethod
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
@@ -165,8 +161,7 @@ class FrictionalLag(Effect):
     def columns(cls, params: Params) -> Columns:
         """Return what friction changes on the film of the lagged speed: the theory's boundary and shear part.
 
-        Of what the curve has beside the theory a share `rest` follows the film as well, as boundary friction does; of
-        a curve without a theory that share of what would be a film's shear.
+        Of what the curve has beside the theory a share `rest` follows the film as well, as boundary friction does.
         """
         rest = params.get("rest", 0.0)
 
@@ -231,13 +226,5 @@ def _more_on(film_m_s: Floats, velocity_m_s: Floats, pressure_Pa: Floats, rest: 
     parts = (FORCE, *THEORY)
     there = r.once(film_m_s, pressure_Pa, *parts)
     here = tuple(r.part(part, velocity_m_s, pressure_Pa, slowest) for part in parts)
-    if r.undivided and rest:
-        there, here = _with_boundary(there, rest), _with_boundary(here, rest)
     on_film(velocity_m_s, film_m_s, r.sign_velocity_m_s, rest, there, here, out)
     return out
-
-
-def _with_boundary(parts: tuple[Floats, ...], rest: float) -> tuple[Floats, ...]:
-    """Return force, boundary and shear part with a share of the shear part in the boundary part."""
-    force, dry, wet = parts
-    return force, dry + rest * wet, (1.0 - rest) * wet

@@ -108,7 +108,6 @@ class Reference:
     sign_velocity_m_s : v_s of the smooth sign tanh(v / v_s).
     taps : (order,), FIR of the base model behind the static force: [1, taps] over their sum gives gain one.
     theory_lags : (order,) or empty, lags c of the theory's part t beside it: sum_i c_i (t[k - i] - t[k]).
-    undivided : whether there is no theory, so that DRY and WET are as good as any other division of the force.
     """
 
     tables: Floats
@@ -117,7 +116,6 @@ class Reference:
     sign_velocity_m_s: float
     taps: Floats = field(default_factory=lambda: np.zeros(0))
     theory_lags: Floats = field(default_factory=lambda: np.zeros(0))
-    undivided: bool = False
     _last: LastFew = field(default_factory=LastFew, init=False, repr=False, compare=False)
 
     @classmethod
