@@ -188,11 +188,10 @@ class Outliers(Effect):
         usual = MAD * float(np.median(np.abs(residual[used]))) + 1e-300
         # Clipped neighbours: a spike must not make the sample after it look like one.
         calm = np.clip(residual[used], -2.5 * usual, 2.5 * usual)
-        past = np.column_stack([calm[1:-1], calm[:-2]])
-        weights = np.asarray(np.linalg.lstsq(past, calm[2:], rcond=None)[0], np.float64)
+        weights = np.asarray(np.linalg.lstsq(_two_before(calm)[2:], calm[2:], rcond=None)[0], np.float64)
         innovation, turned = np.zeros(residual.size), np.zeros(residual.size)
-        innovation[used] = residual[used] - _predicted(calm, weights)
-        turned[used] = residual[used] - _predicted(calm[::-1], weights)[::-1]
+        innovation[used] = residual[used] - _two_before(calm) @ weights
+        turned[used] = residual[used] - _two_before(calm[::-1])[::-1] @ weights
         scale = np.maximum(local_scale(view.features, used, innovation), view.lattice_N / np.sqrt(12.0))
         size = np.abs(innovation) / scale
         change = np.abs(np.diff(view.force_N - residual))
@@ -238,9 +237,11 @@ def _mean_interval(values: Ints) -> tuple[float, float]:
     return mean - reach, mean + reach
 
 
-def _predicted(values: Floats, weights: Floats) -> Floats:
-    """Return what the two values before each one make of it by an autoregression, (n,); 0 for the first two."""
-    return np.concatenate([np.zeros(2), np.column_stack([values[1:-1], values[:-2]]) @ weights])
+def _two_before(values: Floats) -> Floats:
+    """Return the two values before each one, the nearer first, (n, 2); zeros before the first two."""
+    out = np.zeros((values.size, 2))
+    out[2:] = np.column_stack([values[1:-1], values[:-2]])
+    return out
 
 
 def _continued(view: DataView) -> Bools:
