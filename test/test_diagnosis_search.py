@@ -16,8 +16,10 @@ from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import build_record
 from friction_estimator.diagnosis.search import Searcher, _Found
+from friction_estimator.diagnosis.time_alone import TimeAlone
 from friction_estimator.effects import EFFECTS
 from friction_estimator.rig.drive import segment
+from friction_estimator.rig.plant import PLANTS
 
 IN_ORDER = tuple(segment(t, psi, s) for psi in (50.0, 100.0, 200.0) for t, s in ((1.0, 8.0), (5.0, 12.0)))
 ONE_PRESSURE = (segment(1.0, 50.0, 20.0), segment(5.0, 50.0, 40.0))
@@ -275,3 +277,28 @@ def test_a_cause_between_others_that_gains_nothing_is_not_told() -> None:
     ]
     assert len(errors) == 3
     assert np.std(left.models[-1].residual_N) == pytest.approx(np.std(both.residual_N), rel=1e-3)
+
+
+@pytest.mark.parametrize("hidden", [[], ["wear:size=0.01"]])
+def test_a_small_change_in_time_is_no_form_of_what_comes_again_with_the_drive(hidden) -> None:
+    """It brings 0.6 % of what the rig's own traits leave: of anything else that would be a trace beside them."""
+    result = diagnose([record(hidden, plant="rig", noise=0.03)], Config())
+    *traits, last = result.effects
+    if hidden:
+        assert "wear" in set_of(last)
+    else:
+        traits = [*traits, last]
+    assert {e.name for e in traits} == set(PLANTS["rig"].traits)
+
+
+def test_what_is_unlike_where_the_drive_is_alike_is_a_function_of_the_time() -> None:
+    data = build_record([record()], Config())
+    pairs = TimeAlone(data)
+    f, noise = data.features, 0.05 * np.random.default_rng(0).standard_normal(data.used.size)
+    drift, form = 0.03 * f.time_s / f.time_s[-1], 0.03 * f.direction * np.tanh(f.velocity_m_s / 0.01) ** 2
+    assert pairs.explains(drift + form + noise, form + noise)
+    assert not pairs.explains(form + noise, form + noise - drift)  # of what is not there
+    assert not pairs.explains(noise, noise - 0.5 * drift)
+    assert not pairs.explains(noise, noise)
+    few = build_record([record()], Config()).with_force(data.friction_N, data.used & (f.time_s < 15.0))
+    assert not TimeAlone(few).explains(drift + form + noise, form + noise)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.lack_of_fit import WITHIN, LackOfFit, Wider
 from friction_estimator.diagnosis.own_columns import Term, time_of
+from friction_estimator.diagnosis.time_alone import TimeAlone
 from friction_estimator.effects.base import REVERSAL, Effect
 from friction_estimator.effects.features import Context
 
@@ -63,6 +65,7 @@ class Candidates:
         self._shaped: dict[tuple[Model, str], Candidate] = {}
         self._estimates: dict[Model, list[dict[str, Estimate]]] = {}
         self._lacks: dict[tuple[Model, type[Wider]], LackOfFit] = {}
+        self._in_time: dict[tuple[Model, Model], bool] = {}
 
     def base(self) -> Model:
         """Return the base model alone."""
@@ -263,6 +266,17 @@ class Candidates:
             counted = record.features.since_reversal_s >= EARLY * self.context.step_s
         before, after = model.joint.residual_N, one.model.joint.residual_N
         return gains_beyond_chance(before, after, record, counted, one.effect)
+
+    @cached_property
+    def _time_alone(self) -> TimeAlone:
+        return TimeAlone(self.problem.record)
+
+    def in_time(self, model: Model, after: Model) -> bool:
+        """Return whether what a model explains beyond another one is a function of the time (`time_alone`)."""
+        if (model, after) not in self._in_time:
+            found = self._time_alone.explains(model.joint.residual_N, after.joint.residual_N)
+            self._in_time[model, after] = found
+        return self._in_time[model, after]
 
     def beyond_memory(self, model: Model, one: Candidate, gain_N2: float) -> bool:
         """Return whether an effect of this gain is more than unlike memories of the base, which are lack of fit.

@@ -69,7 +69,9 @@ def least_further_N2(share: float, power_N2: float, causes: Sequence[Cause]) -> 
     return max(share * power_N2, min(LEAST_SHARE * alone, SMALL_SHARE * power_N2))
 
 
-def as_misfit(causes: Sequence[Cause], formed: Collection[str], left_N2: float) -> int | None:
+def as_misfit(
+    causes: Sequence[Cause], formed: Collection[str], left_N2: float, sure: Collection[str] = ()
+) -> int | None:
     """Return the place of the smallest cause if it may be what the form of the largest one lacks; None otherwise.
 
     It is where it brings less than `MISFIT_SHARE` of the largest one's gain, and less than `MISFIT_LEFT` of what is
@@ -77,13 +79,15 @@ def as_misfit(causes: Sequence[Cause], formed: Collection[str], left_N2: float) 
 
     Parameters
     ----------
-    formed : causes of which there is another form; a constant has none. left_N2 : above the noise floor.
+    formed : causes of which there is another form; a constant has none. left_N2 : above the noise floor. sure : causes
+        that no form of another one makes (`time_alone`).
 
     >>> two = [Cause("backlash", None, 900.0, ()), Cause("squeeze_film", None, 3.0, ())]
     >>> as_misfit(two, {"backlash"}, 4.1), as_misfit(two, {"backlash"}, 3.9), as_misfit(two, {"squeeze_film"}, 4.1)
     (1, None, None)
     """
-    place = min(range(len(causes)), key=lambda i: causes[i].gain, default=None)
+    doubtful = (i for i, cause in enumerate(causes) if cause.name not in sure)
+    place = min(doubtful, key=lambda i: causes[i].gain, default=None)
     if place is None:
         return None
     largest = max((cause.gain for cause in causes if cause.name in formed), default=0.0)

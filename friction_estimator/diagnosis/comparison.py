@@ -2,6 +2,9 @@
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
+import numpy as np
+
+from friction_estimator.core.sample import Bools
 from friction_estimator.diagnosis.candidate import (
     PLAIN,
     Candidate,
@@ -28,6 +31,9 @@ MEASURED_SHARE = 0.25
 
 EQUAL_SHARE = 0.9
 """Of the best gain: what a recorded variable must explain to be named instead of what does not go with time."""
+
+MOSTLY = 0.75
+"""Share of the blocks in which no recording begins, from which they say enough without those in which one does."""
 
 CLOSE = 0.6
 """Of the best gain: what a candidate of another family must bring to be compared with the best one cause ahead."""
@@ -87,6 +93,7 @@ class Comparison:
             # Of equals the one whose cause was recorded is named: it needs no cause that nobody saw.
             best = measured
             same = _equals(best, fits.values())
+        same += [c for c in fits.values() if c not in same and self._not_told_apart(model, best, c)]
         others = [c for c in (*fits.values(), *(c for c in shaped if c.belied)) if c.name != best.name]
         close = [c for c in others if c.gain > CLOSE * best.gain and not needs_memory(best, c)]
         behind = sorted(((c.name, _behind_N2(best, c)) for c in close), key=lambda item: item[1])
@@ -159,6 +166,32 @@ class Comparison:
         if option is not best:
             self._views.forget(option.model)
         return alone + max([0.0, *with_more])
+
+    def _not_told_apart(self, model: Model, best: Candidate, other: Candidate) -> bool:
+        """Return whether the record does not tell another candidate from the best one, although it explains less.
+
+        Times of the whole force below a sample period differ by what lies between two samples. And one that makes worse
+        what a recording begins with, alone, is not refuted: what is stretched there nobody saw begin.
+        """
+        if other.name == best.name or needs_memory(best, other):
+            return False
+        if best.effect.delays and other.effect.delays:
+            ahead = any(c.effect.late_s(c.term.params) < 0.0 for c in (best, other))
+            short = best.term.params[best.effect.refined[0]] < self._views.context.step_s
+            return short and not ahead and other.gain > CLOSE * best.gain
+        later = self._later_blocks()
+        if later.mean() < MOSTLY or (other.model.loss <= model.loss)[~later].all():
+            return False
+        gain = float((model.loss - best.model.loss)[later].sum())
+        behind = (other.model.loss - best.model.loss)[later]
+        error = float(np.std(behind, ddof=1)) * float(np.sqrt(behind.size))
+        return float(behind.sum()) < min(max(SET_ERRORS * error, SET_SHARE * gain), (1.0 - CONTENDER) * gain)
+
+    def _later_blocks(self) -> Bools:
+        """Return in which blocks no recording begins, (blocks,)."""
+        record = self._views.record
+        first = record.block[np.unique(record.recording, return_index=True)[1]]
+        return ~np.isin(np.arange(record.blocks), first)
 
     def _by_design(self, effect: type[Effect]) -> list[str]:
         """Return what a recorded cause that only changed in one order cannot be told from: whatever goes with time."""

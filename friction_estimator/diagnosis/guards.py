@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 
 from friction_estimator.diagnosis.candidate import Candidate, Model
-from friction_estimator.diagnosis.causes import LATER_SHARE, Cause, least_further_N2
+from friction_estimator.diagnosis.causes import LATER_SHARE, LEAST_SHARE, Cause, least_further_N2
 from friction_estimator.diagnosis.views import SECOND_LEFT, Views
-from friction_estimator.effects.base import REVERSAL
+from friction_estimator.effects.base import REVERSAL, SLOW
 
 FORMS_SHARE = 0.006
 """Share of the error power that a further cause must bring where it is more than other forms of the earlier ones."""
@@ -79,6 +79,8 @@ class Guards:
         """Return whether a cause brings enough beside the first one, or of what is left above the floor."""
         if not causes:
             return True
+        if self._in_time_alone(model, best, causes):
+            return best.held_N2 >= LEAST_SHARE * float(model.loss.sum())
         left = self._views.left_N2(model)
         if best.gain < SECOND_SHARE * causes[0].gain and best.gain < SECOND_LEFT * left:
             return False
@@ -90,6 +92,15 @@ class Guards:
         later = best.effect.delays or best.effect.acts == REVERSAL or self._views.lattice_N > 0.0
         least = least_further_N2(LATER_SHARE if later else FORMS_SHARE, float(model.loss.sum()), causes)
         return best.by_evidence or best.gain >= least
+
+    def _in_time_alone(self, model: Model, best: Candidate, causes: Sequence[Cause]) -> bool:
+        """Return whether a function of the time explains what no other form of the earlier causes could.
+
+        Of one that is itself a function of the time another form could.
+        """
+        if best.effect.acts != SLOW or any(self._views.catalogue[c.name].acts == SLOW for c in causes):
+            return False
+        return self._fits.in_time(model, best.model)
 
     def apart(self, best: Candidate, weak: Sequence[Candidate]) -> bool:
         """Return whether a cause brings its share beside the better ones that may be another form of an earlier cause.

@@ -68,10 +68,10 @@ def gain_between(before: Floats, after: Floats, record: Record, spread: float, e
     nrmse_after = float(np.sqrt(other.sum() / count)) / spread
     ratio = nrmse_after / max(nrmse_before, 1e-300)
     # d(sqrt(sum other / sum one)), block by block
-    error = _error_of_sum(ratio / 2.0 * (other / max(other.sum(), 1e-300) - one / max(one.sum(), 1e-300)))
+    error = error_of_sum(ratio / 2.0 * (other / max(other.sum(), 1e-300) - one / max(one.sum(), 1e-300)))
     chance = chance_alone(effects, before - after, after, record)
     if chance is not None:
-        error = min(error, _error_of_sum(ratio / 2.0 * chance / max(one.sum(), 1e-300)))
+        error = min(error, error_of_sum(ratio / 2.0 * chance / max(one.sum(), 1e-300)))
     reach = 100.0 * float(stdtrit(max(one.size - 1, 1), 0.975)) * error
     reduction = 100.0 * (1.0 - ratio)
     return Gain(nrmse_before, nrmse_after, reduction, reduction - reach, reduction + reach)
@@ -81,10 +81,10 @@ def gains_beyond_chance(before: Floats, after: Floats, record: Record, counted: 
     """Return whether the squared error falls by more than its error from block to block, of the samples counted."""
     change = np.where(counted, before - after, 0.0)
     gains = block_sums(change * (before + after), record)
-    error = _error_of_sum(gains)
+    error = error_of_sum(gains)
     chance = chance_alone([effect], change, after, record)
     if chance is not None:
-        error = min(error, _error_of_sum(chance))
+        error = min(error, error_of_sum(chance))
     return bool(gains.sum() > stdtrit(gains.size - 1, 0.975) * error)
 
 
@@ -104,7 +104,7 @@ def chance_alone(effects: Sequence[type[Effect]], change: Floats, after: Floats,
     return block_sums(2.0 * change * after, record)
 
 
-def _error_of_sum(parts: Floats) -> float:
+def error_of_sum(parts: Floats) -> float:
     """Return the standard error of a sum over blocks."""
     return float(np.sqrt(np.square(parts - parts.mean()).sum() * parts.size / max(parts.size - 1, 1)))
 
