@@ -254,3 +254,13 @@ def test_a_narrow_well_behind_a_wide_one_is_looked_into() -> None:
 
     found = best_time(fitted, fitted(0.0), lambda fit: fit.late, step)
     assert found == pytest.approx(true * step, abs=0.01 * step)
+
+
+def test_a_time_that_explains_all_that_is_left_is_named_although_other_forms_explain_most_of_it() -> None:
+    segments = (segment(2.0, 50.0, 30.0), segment(5.0, 200.0, 30.0))
+    late = parse_effect("velocity_delay:delay=0.007")
+    samples = simulate(Scenario(segments, "maxwell_slip", 100.0, 0.01, 3, (late,))).samples
+    result = diagnose([samples], Config())
+    assert [e.name for e in result.effects] == ["presliding", "velocity_delay"]
+    assert result.unexplained_percent == pytest.approx(0.0, abs=3.0)
+    assert result.effects[1].parameters["delay"].value == pytest.approx(0.007, rel=0.05)

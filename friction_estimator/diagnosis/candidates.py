@@ -304,13 +304,14 @@ class Candidates:
         back = self.taken_back_s(model, one.model)
         return back > 0.0 and back >= -UNDONE * one.effect.late_s(one.term.params)
 
-    def beyond_forms(self, model: Model, one: Candidate, ample: bool) -> bool:
+    def beyond_forms(self, model: Model, one: Candidate, ample: bool, whole: bool) -> bool:
         """Return whether an effect is more than other forms of the causes in the model, one at least, would be.
 
         Where its gain is ample it may be much the same as they, if it explains clearly more. A time of the whole force
         does to all of it what other forms do to their part; it must bring a trace beside them. Beside it the base and
         its memory are others, too: what the whole fit takes off the residual may bring its share instead. What it saves
-        of the memory's prior they cannot make up for.
+        of the memory's prior they cannot make up for. And a time that explains the `whole` of what is left, and so more
+        than all of these columns, does by one number what they do by many.
         """
         if one.gain > power_N2(model.joint):
             return True
@@ -320,7 +321,7 @@ class Candidates:
         if one.saved_N2 > one.held_N2 or lack.beside(force_N) >= TIME_BESIDE_FORMS * one.gain:
             return True
         taken_off_N = model.joint.residual_N - one.model.joint.residual_N
-        return lack.beside(taken_off_N) >= WITHIN * one.gain
+        return lack.beside(taken_off_N) >= WITHIN * one.gain or (whole and lack.alone_N2 < one.gain)
 
     def within_pressures(self, model: Model, one: Candidate, least_N2: float) -> bool:
         """Return whether an effect brings as much as this beside any dependence on the recorded pressure."""

@@ -17,6 +17,9 @@ ALIKE_LEFT = 0.8
 """Or `SECOND_LEFT` of what the causes before it have left above the noise floor, this share where it is an alternative
 of one of them: a first cause of great power, a trait of the rig, must not hide a second one."""
 
+WHOLE = 0.1
+"""Of its gain: what a cause that explains all that is left may leave above the noise floor."""
+
 PAIR = 0.95
 """Of what a cause and the next one explain: what unlike memories, which make up for both, may explain at the most."""
 
@@ -73,7 +76,9 @@ class Guards:
             return False
         if not causes or self._views.lattice_N > 0.0:
             return True
-        return self._fits.beyond_forms(model, best, ample=best.held_N2 >= later_N2(model))
+        ample = best.held_N2 >= later_N2(model)
+        whole = ample and best.effect.delays and self._views.left_N2(best.model) < WHOLE * best.gain
+        return self._fits.beyond_forms(model, best, ample, whole)
 
     def brings_share(self, model: Model, best: Candidate, causes: Sequence[Cause]) -> bool:
         """Return whether a cause brings enough beside the first one, or of what is left above the floor."""
