@@ -84,7 +84,7 @@ class Guards:
         """Return whether a cause brings enough beside the first one, or of what is left above the floor."""
         if not causes:
             return True
-        if self._in_time_alone(model, best, causes):
+        if self.in_time_alone(model, best.model):
             return best.held_N2 >= LEAST_SHARE * float(model.loss.sum())
         left = self._views.left_N2(model)
         if best.gain < SECOND_SHARE * causes[0].gain and best.gain < SECOND_LEFT * left:
@@ -98,14 +98,14 @@ class Guards:
         least = least_further_N2(LATER_SHARE if later else FORMS_SHARE, float(model.loss.sum()), causes)
         return best.by_evidence or best.gain >= least
 
-    def _in_time_alone(self, model: Model, best: Candidate, causes: Sequence[Cause]) -> bool:
-        """Return whether a function of the time explains what no other form of the earlier causes could.
+    def in_time_alone(self, fewer: Model, more: Model) -> bool:
+        """Return whether the cause that a model has beyond another one is a function of the time that no other makes.
 
-        Of one that is itself a function of the time another form could.
+        Beside one that is itself a function of the time it may be what the form of that one lacks.
         """
-        if best.effect.acts != SLOW or any(self._views.catalogue[c.name].acts == SLOW for c in causes):
-            return False
-        return self._fits.in_time(model, best.model)
+        slow = [term.name for term in more.joint.terms if term.effect.acts == SLOW]
+        there = {term.name for term in fewer.joint.terms}
+        return len(slow) == 1 and slow[0] not in there and self._fits.in_time(fewer, more)
 
     def apart(self, best: Candidate, weak: Sequence[Candidate]) -> bool:
         """Return whether a cause brings its share beside the better ones that may be another form of an earlier cause.

@@ -91,7 +91,7 @@ class Searcher:
             self._extend(found, progress)
         doubtful = [r.one for r in found.refused if r.doubtful]
         formed = {name for name, cls in self.views.catalogue.items() if cls.formed()}
-        sure = self._in_time_alone(found)
+        sure = self._sure(found.models[-1])
         while (place := as_misfit(found.causes, formed, self.views.left_N2(found.models[-1]), sure)) is not None:
             doubtful += self._drop(found, place)
         causes, models, view = found.causes, found.models, self.views.of(found.models[-1])
@@ -184,13 +184,10 @@ class Searcher:
             found.refused.clear()
         return True
 
-    def _in_time_alone(self, found: _Found) -> set[str]:
-        """Return the name of the one cause that is a function of the time, if no form of the others makes it."""
-        slow = [k for k, cause in enumerate(found.causes) if self.views.catalogue[cause.name].acts == SLOW]
-        if len(slow) != 1:
-            return set()
-        fewer = self.fits.without(found.models[-1], slow[0])
-        return {found.causes[slow[0]].name} if self.fits.in_time(fewer, found.models[-1]) else set()
+    def _sure(self, model: Model) -> set[str]:
+        """Return the causes that no form of the others makes (`Guards.in_time_alone`)."""
+        slow = [(k, term.name) for k, term in enumerate(model.joint.terms) if term.effect.acts == SLOW]
+        return {name for k, name in slow if self.guards.in_time_alone(self.fits.without(model, k), model)}
 
     def _drop(self, found: _Found, place: int) -> list[Candidate]:
         """Take a cause away; return it as a candidate beside the others."""
