@@ -240,6 +240,13 @@ def test_stamps_that_scatter_make_no_stick_slip(hidden, found) -> None:
     assert names(diagnose([data], Config(), catalogue=some)) == found
 
 
+def test_a_noisy_pressure_makes_no_stick_slip() -> None:
+    """The force follows the pressure most at low speed, after reversals."""
+    segments = (segment(2.0, 50.0, 30.0), segment(2.0, 200.0, 60.0), segment(2.0, 50.0, 30.0))
+    result = diagnose([record(["pressure_noise:deviation=1e5"], segments=segments, seed=5)], Config())
+    assert names(result) == ["pressure_noise"]
+
+
 @pytest.mark.parametrize("splines", [12, 24])
 def test_a_longer_memory_is_called_so(splines: int) -> None:
     """Behind a finer curve, too."""

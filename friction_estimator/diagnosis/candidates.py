@@ -233,9 +233,20 @@ class Candidates:
         return self._candidate(model, best) or one
 
     def _fitted(self, model: Model, name: str, params: Mapping[str, float], search: bool) -> Candidate | None:
-        here = model.joint.coefficients
-        joint = self._fit([*model.joint.terms, Term(self.catalogue[name], dict(params))], here, search=search)
+        here, effect = model.joint.coefficients, self.catalogue[name]
+        joint = self._fit([*model.joint.terms, Term(effect, dict(params))], here, search=search)
+        before = self._before(name, params) if effect.in_theory and search else None
+        if before is not None:
+            # A film's lag has wells of its own beside each model.
+            other = self._fit([*model.joint.terms, Term(effect, before)], here, search=False)
+            joint = min(joint, other, key=lambda fit: fit.coefficients.cost)
         return self._candidate(model, joint)
+
+    def _before(self, name: str, params: Mapping[str, float]) -> dict[str, float] | None:
+        """Return where an effect of this form was beside the model before, or None."""
+        fits = (one for (_, known, _), one in self._known.items() if known == name and one is not None)
+        places = [dict(one.term.params) for one in fits if set(one.term.params) == set(params)]
+        return places[-1] if places else None
 
     def _candidate(self, model: Model, joint: Joint) -> Candidate | None:
         """Return the last term of a fit as a candidate beside the model, or None where it cannot be."""

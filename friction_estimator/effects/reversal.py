@@ -363,7 +363,10 @@ class StickSlip(Effect):
     words = Words(
         "stick-slip: the contact chatters after reversals, differently each time",
         "residual variance is high at low speed after reversals and not repeatable from cycle to cycle",
-        {"velocity_noise": "the variance does not follow (dF/dv)^2; look at the velocity channel's third difference"},
+        {
+            "velocity_noise": "the variance does not follow (dF/dv)^2; look at the velocity channel's third difference",
+            "pressure_noise": "the variance does not follow (dF/dp)^2; look at the pressure channel's third difference",
+        },
     )
 
     def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:
