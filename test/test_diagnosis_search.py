@@ -16,7 +16,7 @@ from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import build_record
 from friction_estimator.diagnosis.search import Searcher, _Found
-from friction_estimator.diagnosis.time_alone import TimeAlone
+from friction_estimator.diagnosis.time_alone import FEWEST, TimeAlone, _alike
 from friction_estimator.effects import EFFECTS
 from friction_estimator.rig.drive import segment
 from friction_estimator.rig.plant import PLANTS
@@ -289,13 +289,19 @@ def test_a_cause_between_others_that_gains_nothing_is_not_told() -> None:
 @pytest.mark.parametrize("hidden", [[], ["wear:size=0.01"]])
 def test_a_small_change_in_time_is_no_form_of_what_comes_again_with_the_drive(hidden) -> None:
     """It brings 0.6 % of what the rig's own traits leave: of anything else that would be a trace beside them."""
-    result = diagnose([record(hidden, plant="rig", noise=0.03)], Config())
-    *traits, last = result.effects
-    if hidden:
-        assert "wear" in set_of(last)
-    else:
-        traits = [*traits, last]
-    assert {e.name for e in traits} == set(PLANTS["rig"].traits)
+    segments = tuple(segment(t, psi, s) for psi in (50.0, 200.0, 200.0, 50.0) for t, s in ((1.0, 12.0), (5.0, 20.0)))
+    result = diagnose([record(hidden, plant="rig", noise=0.03, segments=segments)], Config())
+    others = [e for e in result.effects if e.name not in PLANTS["rig"].traits]
+    assert len(others) == len(hidden)
+    assert all("wear" in set_of(e) for e in others)
+    assert set(PLANTS["rig"].traits) <= set(names(result))
+
+
+def test_a_channel_that_creeps_tells_no_samples_apart() -> None:
+    data = record(segments=abba())
+    creeping = replace(data, temperature_degC=54.0 + 0.1 * np.arange(len(data)) / len(data))
+    some, all_of_them = (_alike(build_record([one], Config()))[0].size for one in (creeping, data))
+    assert some == all_of_them > FEWEST
 
 
 def test_what_is_unlike_where_the_drive_is_alike_is_a_function_of_the_time() -> None:

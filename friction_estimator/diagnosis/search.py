@@ -10,7 +10,7 @@ from friction_estimator.diagnosis.candidate import Candidate, Model, equals, gai
 from friction_estimator.diagnosis.capacity import in_words, wider
 from friction_estimator.diagnosis.causes import LATER_SHARE, Cause, Search, as_misfit
 from friction_estimator.diagnosis.comparison import Comparison
-from friction_estimator.diagnosis.guards import FORMS_SHARE, Guards
+from friction_estimator.diagnosis.guards import FORMS_SHARE, Guards, later_N2
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.views import Catalogue, Views
 from friction_estimator.effects.base import SLOW
@@ -153,12 +153,23 @@ class Searcher:
                 for c in equals(best, [r.one for r in refused if r.unsized])
                 if equals(c, [best]) or c.effect.acts == best.effect.acts == SLOW
             ]
-            rivals = tuple(dict.fromkeys([*rivals, *as_good]))
+            rivals = tuple(dict.fromkeys([*rivals, *as_good, *self._other_slow(model, best, bool(causes))]))
             causes.append(Cause(best.name, p_value, best.gain, rivals, behind))
             models.append(best.model)
             self.views.keep_only(best.model)
             refused.clear()
             self._drop_needless(so_far)
+
+    def _other_slow(self, model: Model, best: Candidate, later: bool) -> list[str]:
+        """Return what else passes of the functions of the time, beside a small one that is named beside others.
+
+        That it changes with time is known from so little, but not how.
+        """
+        if best.effect.acts != SLOW or not later or best.gain >= later_N2(model):
+            return []
+        view = self.views.of(model)
+        passing = (s for s in view.screened if s.gain > view.needed[s.name] and s.name != best.name)
+        return [s.name for s in passing if s.hypothesis.effect.acts == SLOW]
 
     def _drop_needless(self, found: _Found) -> None:
         """Take away what later causes have made needless."""

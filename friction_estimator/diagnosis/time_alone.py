@@ -10,15 +10,22 @@ from scipy.spatial import cKDTree
 from friction_estimator.core.sample import Floats, Ints
 from friction_estimator.diagnosis.held_out import block_sums, error_of_sum
 from friction_estimator.diagnosis.record import Record
+from friction_estimator.effects.whole import FirstOrder
 
 PARTS = 8
-"""Parts of the record, with as many samples each; between the two samples of a pair lies one whole part at least."""
+"""Parts of the record, with as many used samples each; between the two of a pair lies one whole part at least."""
 
-MOST = 20000
+MOST = 30000
 """Samples that are looked at."""
 
 SAME = 0.2
 """Of the deviation of each quantity that tells samples apart: how far two of them may be apart and be alike."""
+
+SAME_PRESSURE, SAME_TEMPERATURE_K = 0.03, 0.5
+"""Of the mean pressure, and K: nearer ones are alike, however little a channel changes that creeps or is noisy."""
+
+HISTORY = 0.03
+"""Time constant, over the length of the record, with which friction may follow a pressure: that is alike, too."""
 
 FEWEST = 1000
 """Pairs below which they say nothing."""
@@ -74,12 +81,20 @@ def _alike(record: Record) -> tuple[Ints, Ints]:
     """
     f = record.features
     since = np.where(np.isfinite(f.since_reversal_s), f.since_reversal_s, 0.0)
-    quantities = (f.velocity_m_s, f.acceleration_m_s2, f.position_m, since, f.pressure_Pa, f.temperature_degC)
-    scaled = [values / (SAME * (float(np.std(values)) or 1.0)) for values in quantities]
+    # A recording begins at its pressure; a pause is time, too.
+    same = np.diff(f.recording, prepend=-1) == 0
+    apart_s = np.where(same, np.diff(f.time_s, prepend=f.time_s[0]), 0.0)
+    was_Pa = FirstOrder(HISTORY * float(apart_s.sum()))([f.pressure_Pa[:, None]], apart_s)[:, 0]
+    nearest_Pa = SAME_PRESSURE * float(np.mean(np.abs(f.pressure_Pa)))
+    scaled = [
+        *(_scaled(values) for values in (f.velocity_m_s, f.acceleration_m_s2, f.position_m, since)),
+        *(_scaled(values, nearest_Pa) for values in (f.pressure_Pa, was_Pa)),
+        _scaled(f.temperature_degC, SAME_TEMPERATURE_K),
+    ]
     # Of one direction, and of one recording: encoders of two may have unlike origins.
     places = np.column_stack([*scaled, 2.0 * f.direction, 2.0 * record.recording])
     used = np.flatnonzero(record.used)
-    parts = np.array_split(used[:: max(1, used.size // MOST)], PARTS)
+    parts = np.array_split(used[:: max(1, -(-used.size // MOST))], PARTS)
     later, earlier = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
     for number in range(2, PARTS):
         here, before = parts[number], np.concatenate(parts[: number - 1])
@@ -92,3 +107,8 @@ def _alike(record: Record) -> tuple[Ints, Ints]:
         later.append(here[found])
         earlier.append(before[nearest[found]])
     return np.concatenate(later), np.concatenate(earlier)
+
+
+def _scaled(values: Floats, nearest: float = 0.0) -> Floats:
+    """Return values in units of how far apart alike ones may be; `nearest` ones are alike in any case."""
+    return np.asarray(values / (max(SAME * float(np.std(values)), nearest) or 1.0))
