@@ -80,21 +80,22 @@ def _alike(record: Record) -> tuple[Ints, Ints]:
     Each has the nearest one among those that are far enough before it.
     """
     f = record.features
-    since = np.where(np.isfinite(f.since_reversal_s), f.since_reversal_s, 0.0)
     # A recording begins at its pressure; a pause is time, too.
     same = np.diff(f.recording, prepend=-1) == 0
     apart_s = np.where(same, np.diff(f.time_s, prepend=f.time_s[0]), 0.0)
     was_Pa = FirstOrder(HISTORY * float(apart_s.sum()))([f.pressure_Pa[:, None]], apart_s)[:, 0]
+    used = np.flatnonzero(record.used & np.isfinite(f.since_reversal_s))
+    used = used[:: max(1, -(-used.size // MOST))]
+    motion = (f.velocity_m_s, f.acceleration_m_s2, f.position_m, f.since_reversal_s)
     nearest_Pa = SAME_PRESSURE * float(np.mean(np.abs(f.pressure_Pa)))
     scaled = [
-        *(_scaled(values) for values in (f.velocity_m_s, f.acceleration_m_s2, f.position_m, since)),
-        *(_scaled(values, nearest_Pa) for values in (f.pressure_Pa, was_Pa)),
-        _scaled(f.temperature_degC, SAME_TEMPERATURE_K),
+        *(_scaled(values[used]) for values in motion),
+        *(_scaled(values[used], nearest_Pa) for values in (f.pressure_Pa, was_Pa)),
+        _scaled(f.temperature_degC[used], SAME_TEMPERATURE_K),
     ]
     # Of one direction, and of one recording: encoders of two may have unlike origins.
-    places = np.column_stack([*scaled, 2.0 * f.direction, 2.0 * record.recording])
-    used = np.flatnonzero(record.used)
-    parts = np.array_split(used[:: max(1, -(-used.size // MOST))], PARTS)
+    places = np.column_stack([*scaled, 2.0 * f.direction[used], 2.0 * record.recording[used]])
+    parts = np.array_split(np.arange(used.size), PARTS)
     later, earlier = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
     for number in range(2, PARTS):
         here, before = parts[number], np.concatenate(parts[: number - 1])
@@ -104,8 +105,8 @@ def _alike(record: Record) -> tuple[Ints, Ints]:
             cKDTree(places[before]).query(places[here], p=np.inf, distance_upper_bound=1.0)[1], np.int64
         )
         found = nearest < before.size  # the size itself says that none is near
-        later.append(here[found])
-        earlier.append(before[nearest[found]])
+        later.append(used[here[found]])
+        earlier.append(used[before[nearest[found]]])
     return np.concatenate(later), np.concatenate(earlier)
 
 
