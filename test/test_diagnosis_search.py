@@ -22,6 +22,7 @@ from friction_estimator.rig.drive import segment
 from friction_estimator.rig.plant import PLANTS
 
 IN_ORDER = tuple(segment(t, psi, s) for psi in (50.0, 100.0, 200.0) for t, s in ((1.0, 8.0), (5.0, 12.0)))
+LONG_ABBA = tuple(segment(t, psi, s) for psi in (50.0, 200.0, 200.0, 50.0) for t, s in ((1.0, 12.0), (5.0, 20.0)))
 ONE_PRESSURE = (segment(1.0, 50.0, 20.0), segment(5.0, 50.0, 40.0))
 
 
@@ -232,8 +233,7 @@ def test_unlike_memories_are_no_finer_curve() -> None:
 )
 def test_stamps_that_scatter_make_no_stick_slip(hidden, found) -> None:
     """Bristles build up 500 N/s; a stamp that is off by 0.75 ms is off by five times the noise there."""
-    segments = tuple(segment(t, psi, s) for psi in (50.0, 200.0, 200.0, 50.0) for t, s in ((1.0, 12.0), (5.0, 20.0)))
-    data = record(hidden, plant="maxwell_slip", segments=segments)
+    data = record(hidden, plant="maxwell_slip", segments=LONG_ABBA)
     off_s = 0.005 * np.clip(0.15 * np.random.default_rng(5).standard_normal(len(data)), -0.4, 0.4)
     data = replace(data, stamp_ns=data.stamp_ns + np.rint(1e9 * off_s).astype(np.int64))
     some = {name: EFFECTS[name] for name in ("presliding", "stick_slip")}
@@ -289,8 +289,7 @@ def test_a_cause_between_others_that_gains_nothing_is_not_told() -> None:
 @pytest.mark.parametrize("hidden", [[], ["wear:size=0.01"]])
 def test_a_small_change_in_time_is_no_form_of_what_comes_again_with_the_drive(hidden) -> None:
     """It brings 0.6 % of what the rig's own traits leave: of anything else that would be a trace beside them."""
-    segments = tuple(segment(t, psi, s) for psi in (50.0, 200.0, 200.0, 50.0) for t, s in ((1.0, 12.0), (5.0, 20.0)))
-    result = diagnose([record(hidden, plant="rig", noise=0.03, segments=segments)], Config())
+    result = diagnose([record(hidden, plant="rig", noise=0.03, segments=LONG_ABBA)], Config())
     others = [e for e in result.effects if e.name not in PLANTS["rig"].traits]
     assert len(others) == len(hidden)
     assert all("wear" in set_of(e) for e in others)

@@ -13,7 +13,7 @@ from friction_estimator.core.sample import Floats, Ints
 from friction_estimator.diagnosis.forms import SHARE
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.lack_of_fit import Wider
-from friction_estimator.diagnosis.pressures import pressure_range
+from friction_estimator.diagnosis.pressures import pressure_range, recorded_steps
 from friction_estimator.effects.features import Features
 from friction_estimator.effects.shapes import HATS, hats
 from friction_estimator.effects.whole import FirstOrder
@@ -68,9 +68,7 @@ class AnyPressure(Wider):
 
 def _behind(place: Floats, features: Features, count: int) -> Floats:
     """Return how far first-order lags of a pressure (n,) are behind it, (n, times); none at a recording's begin."""
-    same = np.diff(features.recording, prepend=-1) == 0
-    # A pause is time, too.
-    apart_s = np.where(same, np.diff(features.time_s, prepend=features.time_s[0]), 0.0)
+    apart_s = recorded_steps(features)
     held_s = float(apart_s.sum()) / count
     lags = [FirstOrder(share * held_s)([place[:, None]], apart_s) for share in LATE if held_s > 0.0]
     return np.column_stack([place[:, None] - lag for lag in lags]) if lags else np.zeros((place.size, 0))

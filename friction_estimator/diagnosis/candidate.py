@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
-from friction_estimator.core.sample import Floats
+from friction_estimator.core.sample import Bools, Floats
+from friction_estimator.diagnosis.held_out import error_of_sum
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.effects.base import REVERSAL, Effect
@@ -121,6 +120,13 @@ def equals(best: Candidate, others: Sequence[Candidate]) -> list[Candidate]:
     return out
 
 
+def equals_on(blocks: Bools, model: Model, best: Candidate, other: Candidate) -> bool:
+    """Return whether another candidate beside a model explains some blocks (blocks,) as well as the best one does."""
+    behind = (other.model.loss - best.model.loss)[blocks]
+    gain = float((model.loss - best.model.loss)[blocks].sum())
+    return float(behind.sum()) < max(SET_ERRORS * error_of_sum(behind), SET_SHARE * gain)
+
+
 def needs_memory(best: Candidate, other: Candidate) -> bool:
     """Return whether beside the other one the base's memory would have to do what the best one does alone.
 
@@ -132,6 +138,4 @@ def needs_memory(best: Candidate, other: Candidate) -> bool:
 
 def within_errors(best: Candidate, other: Candidate) -> bool:
     """Return whether the record does not say which of two explains it better."""
-    behind = other.model.loss - best.model.loss
-    error = float(np.std(behind, ddof=1)) * np.sqrt(behind.size)
-    return bool(best.gain - other.gain < SET_ERRORS * error)
+    return best.gain - other.gain < SET_ERRORS * error_of_sum(other.model.loss - best.model.loss)

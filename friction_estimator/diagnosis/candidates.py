@@ -243,7 +243,7 @@ class Candidates:
         return self._candidate(model, joint)
 
     def _before(self, name: str, params: Mapping[str, float]) -> dict[str, float] | None:
-        """Return where an effect of this form was beside the model before, or None."""
+        """Return where an effect of this form was found last, beside whichever model, or None."""
         fits = (one for (_, known, _), one in self._known.items() if known == name and one is not None)
         places = [dict(one.term.params) for one in fits if set(one.term.params) == set(params)]
         return places[-1] if places else None

@@ -10,6 +10,7 @@ from friction_estimator.diagnosis.candidate import (
     Candidate,
     Model,
     equals,
+    equals_on,
     needs_memory,
     plainest,
     within_errors,
@@ -182,10 +183,8 @@ class Comparison:
         later = self._later_blocks()
         if later.mean() < MOSTLY or (other.model.loss <= model.loss)[~later].all():
             return False
-        gain = float((model.loss - best.model.loss)[later].sum())
-        behind = (other.model.loss - best.model.loss)[later]
-        error = float(np.std(behind, ddof=1)) * float(np.sqrt(behind.size))
-        return float(behind.sum()) < min(max(SET_ERRORS * error, SET_SHARE * gain), (1.0 - CONTENDER) * gain)
+        gains = [float((model.loss - c.model.loss)[later].sum()) for c in (best, other)]
+        return gains[1] > CONTENDER * gains[0] and equals_on(later, model, best, other)
 
     def _later_blocks(self) -> Bools:
         """Return in which blocks no recording begins, (blocks,)."""

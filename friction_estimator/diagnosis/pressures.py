@@ -4,6 +4,7 @@ import numpy as np
 
 from friction_estimator.core.sample import Floats, Ints
 from friction_estimator.diagnosis.record import Record
+from friction_estimator.effects.features import Features
 
 APART = 0.1
 """Share of the pressures' range by which two pressures differ."""
@@ -23,6 +24,12 @@ def pressure_range(pressure_Pa: Floats) -> tuple[float, float]:
     """Return the lowest and the highest pressure, Pa, but for a few samples: one spike is no pressure."""
     low, high = np.quantile(pressure_Pa, [0.005, 0.995])
     return float(low), float(high)
+
+
+def recorded_steps(features: Features) -> Floats:
+    """Return the recorded time to the sample before, s, (n,): pauses are in it; 0 where a recording begins."""
+    same = np.diff(features.recording, prepend=-1) == 0
+    return np.where(same, np.diff(features.time_s, prepend=features.time_s[0]), 0.0)
 
 
 def pressure_levels(record: Record) -> list[float]:

@@ -17,6 +17,7 @@ import numpy as np
 
 from friction_estimator.core.sample import Floats
 from friction_estimator.diagnosis.evidence import Evidence
+from friction_estimator.diagnosis.held_out import error_of_sum
 from friction_estimator.diagnosis.library import Library
 
 LEAST_SHARE = 1e-9
@@ -75,8 +76,7 @@ def alike(evidence: Evidence, library: Library, part: Floats, least: float = 0.0
         with_part = target.ee - xp[:, best] @ fit.weights - target.ze @ fit.base
         with_residual = crossed - family.stack.xe[:, best] @ fit.weights - evidence.ze @ fit.base
         behind = left + 2.0 * (with_residual - with_part)
-        error = float(np.std(behind, ddof=1)) * float(np.sqrt(behind.size))
-        found[family.name] = Alike(share, family.points[best], (1.0 - share) * power, error)
+        found[family.name] = Alike(share, family.points[best], (1.0 - share) * power, error_of_sum(behind))
     return dict(sorted(found.items(), key=lambda item: -item[1].share))
 
 

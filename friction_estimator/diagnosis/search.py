@@ -153,19 +153,19 @@ class Searcher:
                 for c in equals(best, [r.one for r in refused if r.unsized])
                 if equals(c, [best]) or c.effect.acts == best.effect.acts == SLOW
             ]
-            rivals = tuple(dict.fromkeys([*rivals, *as_good, *self._other_slow(model, best, bool(causes))]))
+            rivals = tuple(dict.fromkeys([*rivals, *as_good, *self._other_slow(model, best)]))
             causes.append(Cause(best.name, p_value, best.gain, rivals, behind))
             models.append(best.model)
             self.views.keep_only(best.model)
             refused.clear()
             self._drop_needless(so_far)
 
-    def _other_slow(self, model: Model, best: Candidate, later: bool) -> list[str]:
+    def _other_slow(self, model: Model, best: Candidate) -> list[str]:
         """Return what else passes of the functions of the time, beside a small one that is named beside others.
 
         That it changes with time is known from so little, but not how.
         """
-        if best.effect.acts != SLOW or not later or best.gain >= later_N2(model):
+        if best.effect.acts != SLOW or not model.joint.terms or best.gain >= later_N2(model):
             return []
         view = self.views.of(model)
         passing = (s for s in view.screened if s.gain > view.needed[s.name] and s.name != best.name)

@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from friction_estimator.core.sample import Floats, Ints
 from friction_estimator.diagnosis.held_out import block_sums, error_of_sum
+from friction_estimator.diagnosis.pressures import recorded_steps
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.effects.whole import FirstOrder
 
@@ -80,9 +81,7 @@ def _alike(record: Record) -> tuple[Ints, Ints]:
     Each has the nearest one among those that are far enough before it.
     """
     f = record.features
-    # A recording begins at its pressure; a pause is time, too.
-    same = np.diff(f.recording, prepend=-1) == 0
-    apart_s = np.where(same, np.diff(f.time_s, prepend=f.time_s[0]), 0.0)
+    apart_s = recorded_steps(f)
     was_Pa = FirstOrder(HISTORY * float(apart_s.sum()))([f.pressure_Pa[:, None]], apart_s)[:, 0]
     used = np.flatnonzero(record.used & np.isfinite(f.since_reversal_s))
     used = used[:: max(1, -(-used.size // MOST))]
