@@ -2,11 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import cached_property
 
 import numpy as np
 
-from friction_estimator.diagnosis.any_pressure import AnyPressure
 from friction_estimator.diagnosis.base_problem import BaseProblem
 from friction_estimator.diagnosis.candidate import (
     PLAIN,
@@ -17,21 +15,13 @@ from friction_estimator.diagnosis.candidate import (
     gain_parts,
     signs_kept,
 )
-from friction_estimator.diagnosis.capacity import UnlikeMemories
 from friction_estimator.diagnosis.causes import LATER_SHARE
-from friction_estimator.diagnosis.forms import OtherForms, power_N2
-from friction_estimator.diagnosis.held_out import gains_beyond_chance
 from friction_estimator.diagnosis.intervals import Estimate, estimates
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.joint_fit import JointFit
-from friction_estimator.diagnosis.lack_of_fit import WITHIN, LackOfFit, Wider
 from friction_estimator.diagnosis.own_columns import Term, time_of
-from friction_estimator.diagnosis.time_alone import TimeAlone
-from friction_estimator.effects.base import REVERSAL, Effect
+from friction_estimator.effects.base import Effect
 from friction_estimator.effects.features import Context
-
-EARLY = 2.5
-"""Sample periods after a reversal without which an effect that acts everywhere must still gain."""
 
 RESETTLED = 10.0
 """Variances of the residual that an earlier term's other place must save: a probability ratio of exp(5)."""
@@ -39,18 +29,9 @@ RESETTLED = 10.0
 RESETTLINGS = 2
 """Most times that an earlier term is sought anew beside the same later one."""
 
-CLEARLY = 0.85
-"""Of a cause's gain: what other forms of earlier ones may explain at the most where it is much the same as they."""
-
-TIME_BESIDE_FORMS = 0.03
-"""Of its gain: what a time of the whole force must bring beside them."""
-
 MOVABLE = 0.3
 """Mean delay of the base's memory, in samples, from which it may be what a time of the whole force should have: a
 comb of minima a sample apart. Less is the rig's own."""
-
-UNDONE = 0.5
-"""Of a time that the force is ahead by: what the base's memory may not take back."""
 
 
 class Candidates:
@@ -64,8 +45,6 @@ class Candidates:
         self._known: dict[tuple[Model, str, tuple[tuple[str, float], ...]], Candidate | None] = {}
         self._shaped: dict[tuple[Model, str], Candidate] = {}
         self._estimates: dict[Model, list[dict[str, Estimate]]] = {}
-        self._lacks: dict[tuple[Model, type[Wider]], LackOfFit] = {}
-        self._in_time: dict[tuple[Model, Model], bool] = {}
 
     def base(self) -> Model:
         """Return the base model alone."""
@@ -142,10 +121,6 @@ class Candidates:
         # Without them others are near.
         left = {name: c for name, c in shaped.items() if name not in likenesses}
         return likenesses | self.in_best_forms(model, left, close)
-
-    def keep_only(self, model: Model) -> None:
-        """Forget what columns of no cause explain beside other models: those are as long as the record."""
-        self._lacks = {known: lack for known, lack in self._lacks.items() if known[0] is model}
 
     def _physical(self, term: Term) -> dict[str, float]:
         values = term.effect.physical(term.params, term.weights, self.context)
@@ -264,88 +239,6 @@ class Candidates:
 
     def _judged(self, joint: Joint) -> Model:
         return Model(joint, joint.held_out_loss(self.problem.record, self.seed))
-
-    def stands(self, model: Model, one: Candidate) -> bool:
-        """Return whether an effect gains in most of the record, and beyond the samples right after reversals.
-
-        A sharp model error there depends on the phase of the sampling; a name that lives on it alone names that. What
-        is a function of time need not gain in most of the record (`held_out.chance_alone`).
-        """
-        record = self.problem.record
-        counted = np.ones(record.used.size, np.bool_)
-        if one.effect.acts != REVERSAL:
-            counted = record.features.since_reversal_s >= EARLY * self.context.step_s
-        before, after = model.joint.residual_N, one.model.joint.residual_N
-        return gains_beyond_chance(before, after, record, counted, one.effect)
-
-    @cached_property
-    def _time_alone(self) -> TimeAlone:
-        return TimeAlone(self.problem.record)
-
-    def in_time(self, model: Model, after: Model) -> bool:
-        """Return whether what a model explains beyond another one is a function of the time (`time_alone`)."""
-        if (model, after) not in self._in_time:
-            found = self._time_alone.explains(model.joint.residual_N, after.joint.residual_N)
-            self._in_time[model, after] = found
-        return self._in_time[model, after]
-
-    def beyond_memory(self, model: Model, one: Candidate, gain_N2: float) -> bool:
-        """Return whether an effect of this gain is more than unlike memories of the base, which are lack of fit.
-
-        A time of the whole force is compared with the memory that there is.
-        """
-        if one.effect.delays or not model.joint.base.taps.size:
-            return True
-        return self._beside(model, UnlikeMemories).is_less(one.model.joint.parts_N[-1], gain_N2)
-
-    def taken_back_s(self, model: Model, after: Model) -> float:
-        """Return what the base's memory takes back of a time that the force is ahead by, s; 0 for any other last term.
-
-        Together they smooth: of a noisy velocity they explain the noise. Elsewhere a true time beside a true memory
-        looks the same.
-        """
-        last = after.joint.terms[-1]
-        if not last.effect.delays or last.effect.late_s(last.params) >= 0.0:
-            return 0.0
-        before, now = (m.joint.base.problem.mean_delay(m.joint.coefficients) for m in (model, after))
-        return max(0.0, min(now, now - before)) * self.context.step_s
-
-    def undone(self, model: Model, one: Candidate) -> bool:
-        """Return whether most of a time that the force is ahead by is taken back (`taken_back_s`)."""
-        back = self.taken_back_s(model, one.model)
-        return back > 0.0 and back >= -UNDONE * one.effect.late_s(one.term.params)
-
-    def beyond_forms(self, model: Model, one: Candidate, ample: bool, whole: bool) -> bool:
-        """Return whether an effect is more than other forms of the causes in the model, one at least, would be.
-
-        Where its gain is ample it may be much the same as they, if it explains clearly more. A time of the whole force
-        does to all of it what other forms do to their part; it must bring a trace beside them. Beside it the base and
-        its memory are others, too: what the whole fit takes off the residual may bring its share instead. What it saves
-        of the memory's prior they cannot make up for. And a time that explains the `whole` of what is left, and so more
-        than all of these columns, does by one number what they do by many.
-        """
-        if one.gain > power_N2(model.joint):
-            return True
-        lack, force_N = self._beside(model, OtherForms), one.model.joint.parts_N[-1]
-        if not one.effect.delays:
-            return lack.is_less(force_N, one.gain, CLEARLY if ample else 0.0)
-        if one.saved_N2 > one.held_N2 or lack.beside(force_N) >= TIME_BESIDE_FORMS * one.gain:
-            return True
-        taken_off_N = model.joint.residual_N - one.model.joint.residual_N
-        return lack.beside(taken_off_N) >= WITHIN * one.gain or (whole and lack.alone_N2 < one.gain)
-
-    def within_pressures(self, model: Model, one: Candidate, least_N2: float) -> bool:
-        """Return whether an effect brings as much as this beside any dependence on the recorded pressure."""
-        return self._beside(model, AnyPressure).beside(one.model.joint.parts_N[-1]) >= least_N2
-
-    def _beside(self, model: Model, columns: type[Wider]) -> LackOfFit:
-        """Return what these columns explain beside a model; they are kept for one model alone, for their size."""
-        key = model, columns
-        if key not in self._lacks:
-            self.keep_only(model)
-            wider, loss_N2 = columns.of(model.joint), float(model.loss.sum())
-            self._lacks[key] = LackOfFit(wider, model.joint, loss_N2, self.problem.record, self.seed)
-        return self._lacks[key]
 
     def known_sign(self, one: Candidate) -> bool:
         """Return whether what physics gives one sign, and every length and time, differs from zero by its interval.

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from friction_estimator.diagnosis.candidate import Candidate, Model
 from friction_estimator.diagnosis.causes import LATER_SHARE, LEAST_SHARE, Cause, least_further_N2
+from friction_estimator.diagnosis.doubts import Doubts
 from friction_estimator.diagnosis.views import SECOND_LEFT, Views
 from friction_estimator.effects.base import REVERSAL, SLOW
 
@@ -35,30 +36,31 @@ class Guards:
 
     def __init__(self, views: Views, smoothed: bool) -> None:
         self._views, self._fits, self._smoothed = views, views.fits, smoothed
+        self.doubts = Doubts(views.record, views.context, views.seed)
 
     def admit(self, model: Model, best: Candidate, by_data: bool, causes: Sequence[Cause]) -> bool:
         """Return whether the best candidate may be named."""
         if not (by_data or best.by_evidence) or not self.enough(model, best, causes):
             return False
-        fits = self._fits
+        doubts = self.doubts
         if not by_data:
             return True
-        if self._smoothed and fits.undone(model, best):
+        if self._smoothed and doubts.undone(model, best):
             return False
         if best.name in self._views.with_pressure(model) and not self.beyond_pressure(model, best):
             return False
-        return fits.stands(model, best) and fits.known_sign(best) and self._beyond_memory(model, best)
+        return doubts.stands(model, best) and self._fits.known_sign(best) and self._beyond_memory(model, best)
 
     def _beyond_memory(self, model: Model, best: Candidate) -> bool:
         """Return whether a cause, or it with the one that would come after it, is more than unlike memories would be.
 
         Where two causes are left the memories make up for both.
         """
-        if self._fits.beyond_memory(model, best, best.gain):
+        if self.doubts.beyond_memory(model, best, best.gain):
             return True
         pairs = ((self._fits(best.model, name, p), needed) for name, p, needed in self._views.followers(best.model))
         after = [one.gain for one, needed in pairs if one is not None and one.held_N2 > needed]
-        return bool(after) and self._fits.beyond_memory(model, best, PAIR * (best.gain + max(after)))
+        return bool(after) and self.doubts.beyond_memory(model, best, PAIR * (best.gain + max(after)))
 
     def beyond_pressure(self, model: Model, best: Candidate) -> bool:
         """Return whether a cause goes on within each pressure.
@@ -68,7 +70,7 @@ class Guards:
         if not self._views.held:
             return False
         least = max(later_N2(model), self._views.left_N2(best.model))
-        return self._fits.within_pressures(model, best, least)
+        return self.doubts.within_pressures(model, best, least)
 
     def enough(self, model: Model, best: Candidate, causes: Sequence[Cause]) -> bool:
         """Return whether a cause brings its share, and more than what other forms of the earlier causes explain."""
@@ -78,7 +80,7 @@ class Guards:
             return True
         ample = best.held_N2 >= later_N2(model)
         whole = ample and best.effect.delays and self._views.left_N2(best.model) < WHOLE * best.gain
-        return self._fits.beyond_forms(model, best, ample, whole)
+        return self.doubts.beyond_forms(model, best, ample, whole)
 
     def brings_share(self, model: Model, best: Candidate, causes: Sequence[Cause]) -> bool:
         """Return whether a cause brings enough beside the first one, or of what is left above the floor."""
@@ -105,7 +107,7 @@ class Guards:
         """
         slow = [term.name for term in more.joint.terms if term.effect.acts == SLOW]
         there = {term.name for term in fewer.joint.terms}
-        return len(slow) == 1 and slow[0] not in there and self._fits.in_time(fewer, more)
+        return len(slow) == 1 and slow[0] not in there and self.doubts.in_time(fewer, more)
 
     def apart(self, best: Candidate, weak: Sequence[Candidate]) -> bool:
         """Return whether a cause brings its share beside the better ones that may be another form of an earlier cause.

@@ -156,7 +156,7 @@ class Searcher:
             rivals = tuple(dict.fromkeys([*rivals, *as_good, *self._other_slow(model, best)]))
             causes.append(Cause(best.name, p_value, best.gain, rivals, behind))
             models.append(best.model)
-            self.views.keep_only(best.model)
+            self._keep_only(best.model)
             refused.clear()
             self._drop_needless(so_far)
 
@@ -219,7 +219,12 @@ class Searcher:
             replace(cause, gain=sum(gain_parts(found.models[k], found.models[k + 1])))
             for k, cause in enumerate(found.causes[place:], place)
         ]
-        self.views.keep_only(last)
+        self._keep_only(last)
+
+    def _keep_only(self, model: Model) -> None:
+        """Forget what was seen beside other models."""
+        self.views.keep_only(model)
+        self.guards.doubts.keep_only(model)
 
     def _starts_with(self, capacity: Capacity | None = None) -> None:
         """Begin with a base model of this size."""
@@ -231,7 +236,7 @@ class Searcher:
     def _apart_by(self, fewer: Model, more: Model, left_N2: float) -> dict[str, float]:
         """Return by how much the quantities of a model's last term may be others (`Candidates.apart`)."""
         apart = self.fits.apart(fewer, more, left_N2)
-        if self.smoothed and (back := self.fits.taken_back_s(fewer, more)):
+        if self.smoothed and (back := self.guards.doubts.taken_back_s(fewer, more)):
             name = more.joint.terms[-1].effect.size_key
             apart[name] = max(back, apart.get(name, 0.0))
         return apart

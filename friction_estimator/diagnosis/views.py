@@ -112,7 +112,6 @@ class Views:
         """Forget what was seen beside other models: what the library says of one is the largest thing there is."""
         self._views = {key: view for key, view in self._views.items() if key is model}
         self._after = {key: some for key, some in self._after.items() if key is model}
-        self.fits.keep_only(model)
 
     def forget(self, model: Model) -> None:
         """Forget what was seen beside a model, but for what comes after it."""
