@@ -79,14 +79,14 @@ def test_a_fixed_point_that_runs_away_ends_at_its_best_round() -> None:
     fit = JointFit(BaseProblem(data, SEAL), data.context(SEAL, float(np.abs(data.friction_N).max())))
     without = fit([term(BRISTLES)], search=False)
     rail = Term(EFFECTS["saturation"], {"level": run.effects[0].values["level"], "soft": 0.0})
-    beside = fit([*without.terms, rail], without.coefficients, search=False)
+    beside = fit([*without.terms, rail], without, search=False)
     assert beside.coefficients.cost < without.coefficients.cost
 
 
 def test_a_gap_is_found_although_the_base_has_bent_towards_it() -> None:
     """Beside the plateau that the search finds the gap is one sample shorter: there the fit leaves the noise."""
     run, fit = fitted_to("backlash:gap=1e-5,form=1", "stribeck")
-    found = fit([Term(EFFECTS["backlash"], {"gap": 1.2e-5, "soft": 1.0})], fit().coefficients)
+    found = fit([Term(EFFECTS["backlash"], {"gap": 1.2e-5, "soft": 1.0})], fit())
     assert found.terms[0].params["gap"] == pytest.approx(1e-5, rel=0.05)
     assert np.std(found.residual_N) < 1.05 * run.noise_N.std()
 
@@ -95,7 +95,7 @@ def test_what_lies_beyond_a_bracket_is_no_gain() -> None:
     """A gap wants the force ahead: a delay stands at the end of its bracket, and less than that it cannot be."""
     _, fit = fitted_to("backlash:gap=1e-5,form=1", "stribeck")
     alone = fit()
-    late = fit([Term(EFFECTS["time_delay"], {"delay": 0.005})], alone.coefficients)
+    late = fit([Term(EFFECTS["time_delay"], {"delay": 0.005})], alone)
     losses = [joint.held_out_loss(alone.base.problem.record, 0).sum() for joint in (alone, late)]
     assert losses[1] > 0.98 * losses[0]
     assert late.at_end.any()

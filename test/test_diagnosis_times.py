@@ -88,7 +88,7 @@ def test_a_delay_behind_bristles_is_found() -> None:
     fit = JointFit(BaseProblem(record, SEAL, Capacity(SPLINES, Config().fir.order)), context)
     bristles = Term(EFFECTS["presliding"], {"length": 3e-5, "spread": 1.0})
     without = fit([bristles])
-    found = fit([*without.terms, Term(EFFECTS["time_delay"], {"delay": 1e-3})], without.coefficients)
+    found = fit([*without.terms, Term(EFFECTS["time_delay"], {"delay": 1e-3})], without)
     assert found.terms[-1].params["delay"] == pytest.approx(0.003, abs=1e-4)
     assert found.coefficients.cost < 0.8 * without.coefficients.cost
 
@@ -120,10 +120,10 @@ def test_a_time_is_sought_anew_only_where_a_search_ends_elsewhere() -> None:
     lag = Term(EFFECTS["frictional_lag"], {"lag": 0.004, "rest": 0.0})
     settled = fit([Term(EFFECTS["sensor_bias"], {}), lag])
     *others, last = settled.terms
-    assert not fit.elsewhere(settled.terms, settled.coefficients)
+    assert not fit.elsewhere(settled.terms, settled)
     moved = replace(last, params=last.params | {"lag": 1.5 * last.params["lag"]})
-    assert fit.elsewhere([*others, moved], settled.coefficients)
-    assert not fit.elsewhere([lag, *others], settled.coefficients)  # a bias has nothing to be sought
+    assert fit.elsewhere([*others, moved], settled)
+    assert not fit.elsewhere([lag, *others], settled)  # a bias has nothing to be sought
 
 
 def test_a_filter_slower_than_what_is_scanned_is_begun_where_it_is() -> None:

@@ -180,7 +180,7 @@ class Candidates:
         if not moved or min(moved.values()) <= 0.0:
             return joint
         terms = [replace(t, params=t.params | moved) if t.effect.delays else t for t in joint.terms]
-        other = self._fit(terms, joint.coefficients, search=False)
+        other = self._fit(terms, joint, search=False)
         return other if other.coefficients.cost < joint.coefficients.cost else joint
 
     def resettled(self, model: Model, one: Candidate) -> Candidate:
@@ -194,21 +194,21 @@ class Candidates:
         for name in names[:-1]:
             for _ in range(RESETTLINGS if self.catalogue[name].refined else 0):
                 last = sorted(best.terms, key=lambda t, n=name: t.name == n)  # type: ignore[misc]
-                if not self._fit.elsewhere(last, best.coefficients):
+                if not self._fit.elsewhere(last, best):
                     break
-                found = self._fit(last, best.coefficients)
+                found = self._fit(last, best)
                 here, there = best.coefficients, found.coefficients
                 if here.cost - there.cost <= RESETTLED * here.variance:
                     break
                 ordered = sorted(found.terms, key=lambda t: names.index(t.name))
-                best = self._fit(ordered, found.coefficients, search=False)
+                best = self._fit(ordered, found, search=False)
         best = self._without_memory(best)
         if best is one.model.joint:
             return one
         return self._candidate(model, best) or one
 
     def _fitted(self, model: Model, name: str, params: Mapping[str, float], search: bool) -> Candidate | None:
-        here, effect = model.joint.coefficients, self.catalogue[name]
+        here, effect = model.joint, self.catalogue[name]
         joint = self._fit([*model.joint.terms, Term(effect, dict(params))], here, search=search)
         before = self._before(name, params) if effect.in_theory and search else None
         if before is not None:
@@ -274,7 +274,7 @@ class Candidates:
                     continue
                 terms = [*model.joint.terms]
                 terms[i] = Term(term.effect, dict(form))
-                joint = self._fit(terms, model.joint.coefficients, search=False)
+                joint = self._fit(terms, model.joint, search=False)
                 new = joint.terms[i]
                 belied = term.effect.belied(new.params, joint.parts_N[i], joint.features, joint.reference)
                 if belied or not signs_kept(joint) or self._impossible(new):

@@ -9,7 +9,7 @@ from friction_estimator.core.sample import Bools, Floats
 from friction_estimator.diagnosis.base import BaseFit
 from friction_estimator.diagnosis.base_problem import BaseProblem, Coefficients
 from friction_estimator.diagnosis.evaluation import LEAST_SLOPE, Evaluation
-from friction_estimator.diagnosis.joint import Solution, Source
+from friction_estimator.diagnosis.joint import Joint, Solution, Source
 from friction_estimator.diagnosis.linear import LinearFit
 from friction_estimator.diagnosis.own_columns import Term, largest_change, weighted
 from friction_estimator.diagnosis.seek import beside, downhill
@@ -56,12 +56,12 @@ class Descent:
         self._linear = LinearFit(self._base, rows)
         self._sought = Sought(self._base, self._columns, context, rows)
 
-    def __call__(self, terms: Sequence[Term], base: Coefficients, rounds: int, search: bool) -> Solution:
+    def __call__(self, terms: Sequence[Term], start: Joint, rounds: int, search: bool) -> Solution:
         """Fit; see `JointFit.__call__`."""
-        found = self._fit(list(terms), base, rounds, search)
+        found = self._fit(list(terms), start, rounds, search)
         last = terms[-1].effect
         steps = [name for name in last.refined if name in last.steps and last.fixed_gain]
-        return self._walked(found, terms, steps[0], base, rounds) if search and steps else found
+        return self._walked(found, terms, steps[0], start, rounds) if search and steps else found
 
     def elsewhere(self, terms: Sequence[Term], start: Coefficients) -> bool:
         """Return whether a search ends elsewhere; see `JointFit.elsewhere`."""
@@ -75,12 +75,12 @@ class Descent:
                 return True
         return False
 
-    def _walked(self, found: Solution, terms: Sequence[Term], name: str, base: Coefficients, rounds: int) -> Solution:
+    def _walked(self, found: Solution, terms: Sequence[Term], name: str, start: Joint, rounds: int) -> Solution:
         """Return the fit on the best plateau of a jumping parameter, from the one that a search has put it on.
 
         The search sees a base that has bent towards the effect: the plateau beside the true one may look better.
         """
-        reference, features = self._evaluation.tables((base, tuple(terms)))
+        reference, features = self._evaluation.tables((start.coefficients, tuple(terms)))
 
         def trial(params: Mapping[str, float], at: float) -> list[Term]:
             return [*terms[:-1], replace(terms[-1], params={**params, name: at})]
@@ -93,21 +93,35 @@ class Descent:
 
             low, high = terms[-1].effect.bracket(name, params[name], self._context)
             places = beside(lambda a, b: np.array_equal(columns(a), columns(b)), params[name], low, high)
-            return [self._fit(trial(params, at), base, rounds, search=False) for at in places]
+            return [self._fit(trial(params, at), start, rounds, search=False) for at in places]
 
         return downhill(found, neighbours, lambda one: one.coefficients.cost)
 
-    def _fit(self, terms: list[Term], base: Coefficients, rounds: int, search: bool) -> Solution:
-        """Fit terms from where they are, or from where a search has put the last one."""
+    def _fit(self, terms: list[Term], start: Joint, rounds: int, search: bool) -> Solution:
+        """Fit terms from where they are, or from where a search has put the last one.
+
+        Where the start is no fixed point, but the best of a fit that ran away, its own tables are not those that it
+        was fitted with: with a term more all of it would fit worse than without. It is gone on from with the tables
+        that it had, and no further where it runs away again.
+        """
+        base = start.coefficients
         source = base, tuple(terms)
         reference, features = self._evaluation.tables(source)
+        of_source = True  # whether the columns are made of the source's tables
         if search:
-            reference = self._sought.tables(terms[-1], reference)
+            sought = self._sought.tables(terms[-1], reference)
+            of_source, reference = sought is reference, sought
             terms[-1] = replace(terms[-1], params=self._sought(terms, base, reference, features))
         anchors = tuple({n: t.effect.bracket(n, t.params[n], self._context) for n in t.refined} for t in terms)
         columns = self._columns(terms, reference, features)
         base = self._linear(terms, columns, base)
-        last = Solution(base, tuple(weighted(terms, columns, base.extra)), source, anchors)
+        most = RUN_AWAY * start.coefficients.cost if 0 < len(start.terms) < len(terms) else np.inf
+        if base.cost > most:
+            source = start.source
+            reference, features = self._evaluation.tables(source)
+            columns = self._columns(terms, reference, features)
+            of_source, base = True, self._linear(terms, columns, start.coefficients)
+        first = last = Solution(base, tuple(weighted(terms, columns, base.extra)), source, anchors)
         del columns, reference, features  # as large as those of each round
         best, since, in_vain = None, 0, 0
         for _ in range(rounds):
@@ -122,7 +136,7 @@ class Descent:
                 break
         if best is not None and last.coefficients.cost > RUN_AWAY * best.coefficients.cost:
             last = best
-        return last
+        return first if of_source and first.coefficients.cost < most < last.coefficients.cost else last
 
     def _stepped(self, source: Source, anchors: tuple[Mapping[str, tuple[float, float]], ...], stay: bool) -> Solution:
         """Return a model after one Gauss-Newton step of all refined parameters that descends.

@@ -86,7 +86,13 @@ def diagnose(
         found = Searcher(record, config, context, catalogue, seed, found_faults)(progress)
     progress("measuring gains on held-out data", 0.75)
     spread = float(np.std(record.friction_N[record.used]))
-    found, errors = gaining(found, record, context, spread)
+    found, errors, refuted = gaining(found, record, context, spread)
+    if refuted:
+        # What had been held against those may gain in their place.
+        again = Searcher(record, config, context, catalogue, seed, found_faults)(progress, refuted)
+        other, others, _ = gaining(again, record, context, spread)
+        if rms(others[-1], record) < rms(errors[-1], record):
+            found, errors = other, others
     final = found.models[-1]
     found_faults = confirmed(found_faults, record, context, final, catalogue)
     trials = Trials(final, record, config, context, seed)

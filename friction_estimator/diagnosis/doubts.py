@@ -16,7 +16,7 @@ from friction_estimator.diagnosis.held_out import gains_beyond_chance
 from friction_estimator.diagnosis.lack_of_fit import WITHIN, LackOfFit, Wider
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.time_alone import TimeAlone
-from friction_estimator.effects.base import REVERSAL
+from friction_estimator.effects.base import REVERSAL, Effect
 from friction_estimator.effects.features import Context
 
 EARLY = 2.5
@@ -27,6 +27,9 @@ CLEARLY = 0.85
 
 TIME_BESIDE_FORMS = 0.03
 """Of its gain: what a time of the whole force must bring beside them."""
+
+NO_FORM = 0.75
+"""Of its gain: what a cause that is no form of an earlier one brings beside these."""
 
 UNDONE = 0.5
 """Of a time that the force is ahead by: what the base's memory may not take back."""
@@ -45,18 +48,17 @@ class Doubts:
         self._lacks: dict[tuple[Model, type[Wider]], LackOfFit] = {}
         self._in_time: dict[tuple[Model, Model], bool] = {}
 
-    def stands(self, model: Model, one: Candidate) -> bool:
-        """Return whether an effect gains in most of the record, and beyond the samples right after reversals.
+    def stands(self, model: Model, effect: type[Effect], after: Model) -> bool:
+        """Return whether an effect, beyond which a model has it, gains in most of the record and not only at reversals.
 
         A sharp model error there depends on the phase of the sampling; a name that lives on it alone names that. What
         is a function of time need not gain in most of the record (`held_out.chance_alone`).
         """
         record = self._record
         counted = np.ones(record.used.size, np.bool_)
-        if one.effect.acts != REVERSAL:
+        if effect.acts != REVERSAL:
             counted = record.features.since_reversal_s >= EARLY * self._context.step_s
-        before, after = model.joint.residual_N, one.model.joint.residual_N
-        return gains_beyond_chance(before, after, record, counted, one.effect)
+        return gains_beyond_chance(model.joint.residual_N, after.joint.residual_N, record, counted, effect)
 
     @cached_property
     def _time_alone(self) -> TimeAlone:
@@ -108,11 +110,16 @@ class Doubts:
             return True
         lack, force_N = self._beside(model, OtherForms), one.model.joint.parts_N[-1]
         if not one.effect.delays:
-            return lack.is_less(force_N, one.gain, CLEARLY if ample else 0.0)
+            clearly = 1.0 if whole else CLEARLY
+            return lack.is_less(force_N, one.gain, clearly if ample else 0.0)
         if one.saved_N2 > one.held_N2 or lack.beside(force_N) >= TIME_BESIDE_FORMS * one.gain:
             return True
         taken_off_N = model.joint.residual_N - one.model.joint.residual_N
         return lack.beside(taken_off_N) >= WITHIN * one.gain or (whole and lack.alone_N2 < one.gain)
+
+    def no_form(self, model: Model, one: Candidate) -> bool:
+        """Return whether an effect brings nearly all of its gain beside other forms of the causes in the model, too."""
+        return self._beside(model, OtherForms).beside(one.model.joint.parts_N[-1]) >= NO_FORM * one.gain
 
     def within_pressures(self, model: Model, one: Candidate, least_N2: float) -> bool:
         """Return whether an effect brings as much as this beside any dependence on the recorded pressure."""

@@ -11,8 +11,8 @@ from friction_estimator.diagnosis.record import Record
 from friction_estimator.effects.features import Context
 
 
-def gaining(found: Search, record: Record, context: Context, spread: float) -> tuple[Search, list[Floats]]:
-    """Return the search without the causes that do not gain where everything is refitted on other samples, and errors.
+def gaining(found: Search, record: Record, context: Context, spread: float) -> tuple[Search, list[Floats], set[str]]:
+    """Return a search without the causes that do not gain where all is refitted on other samples, its errors, and them.
 
     The search judges by a fit that is linear about its optimum; the gains that are told come from whole refits. One
     that does not gain before the later causes stays if it does beside them.
@@ -23,6 +23,7 @@ def gaining(found: Search, record: Record, context: Context, spread: float) -> t
 
     errors = [held_out_errors(found.problem, context, m) for m in found.models]
     beside: set[str] = set()
+    refuted: set[str] = set()
     while True:
         doubtful = [
             i
@@ -31,13 +32,14 @@ def gaining(found: Search, record: Record, context: Context, spread: float) -> t
             if doubted(errors[i], errors[i + 1], found.models[i + 1].terms[-1])
         ]
         if not doubtful:
-            return found, errors
+            return found, errors, refuted
         i = doubtful[-1]
         fewer = _without(found, i, context)
         left = errors[: i + 1] + [held_out_errors(fewer.problem, context, m) for m in fewer.models[i + 1 :]]
         if i + 1 < len(found.causes) and not doubted(left[-1], errors[-1], found.models[-1].terms[i]):
             beside.add(found.causes[i].name)
         else:
+            refuted.add(found.causes[i].name)
             found, errors = fewer, left
 
 

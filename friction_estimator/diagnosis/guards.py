@@ -1,6 +1,6 @@
 """What a best candidate must pass before it is named: its share, and to be more than lack of fit of what is there."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from friction_estimator.diagnosis.candidate import Candidate, Model
 from friction_estimator.diagnosis.causes import LATER_SHARE, LEAST_SHARE, Cause, least_further_N2
@@ -18,7 +18,10 @@ ALIKE_LEFT = 0.8
 """Or `SECOND_LEFT` of what the causes before it have left above the noise floor, this share where it is an alternative
 of one of them: a first cause of great power, a trait of the rig, must not hide a second one."""
 
-WHOLE = 0.1
+NO_FORM_LEFT = 0.25
+"""Of what is left above the noise floor: what a cause must bring that is small, but no form of an earlier one."""
+
+WHOLE = 0.25
 """Of its gain: what a cause that explains all that is left may leave above the noise floor."""
 
 PAIR = 0.95
@@ -49,7 +52,21 @@ class Guards:
             return False
         if best.name in self._views.with_pressure(model) and not self.beyond_pressure(model, best):
             return False
-        return doubts.stands(model, best) and self._fits.known_sign(best) and self._beyond_memory(model, best)
+        return self._stands(model, best) and self._fits.known_sign(best) and self._beyond_memory(model, best)
+
+    def _stands(self, model: Model, best: Candidate) -> bool:
+        """Return whether a cause gains elsewhere than at reversals: alone, or beside the one that would come after it.
+
+        Where two causes are left one may take there what belongs to the other, and be wrong by as much elsewhere.
+        """
+        if self.doubts.stands(model, best.effect, best.model):
+            return True
+        for one, needed in self._followers(best):
+            if one.held_N2 > needed:
+                alone = self._fits.without(one.model, len(model.joint.terms))
+                if self.doubts.stands(alone, best.effect, one.model):
+                    return True
+        return False
 
     def _beyond_memory(self, model: Model, best: Candidate) -> bool:
         """Return whether a cause, or it with the one that would come after it, is more than unlike memories would be.
@@ -58,9 +75,15 @@ class Guards:
         """
         if self.doubts.beyond_memory(model, best, best.gain):
             return True
-        pairs = ((self._fits(best.model, name, p), needed) for name, p, needed in self._views.followers(best.model))
-        after = [one.gain for one, needed in pairs if one is not None and one.held_N2 > needed]
+        after = [one.gain for one, needed in self._followers(best) if one.held_N2 > needed]
         return bool(after) and self.doubts.beyond_memory(model, best, PAIR * (best.gain + max(after)))
+
+    def _followers(self, best: Candidate) -> Iterator[tuple[Candidate, float]]:
+        """Yield what would come after a cause, fitted beside it, and what it must bring, N^2."""
+        for name, params, needed in self._views.followers(best.model):
+            one = self._fits(best.model, name, params)
+            if one is not None:
+                yield one, needed
 
     def beyond_pressure(self, model: Model, best: Candidate) -> bool:
         """Return whether a cause goes on within each pressure.
@@ -79,7 +102,8 @@ class Guards:
         if not causes or self._views.lattice_N > 0.0:
             return True
         ample = best.held_N2 >= later_N2(model)
-        whole = ample and best.effect.delays and self._views.left_N2(best.model) < WHOLE * best.gain
+        one_number = best.effect.delays or best.effect.in_theory
+        whole = ample and one_number and self._views.left_N2(best.model) < WHOLE * best.gain
         return self.doubts.beyond_forms(model, best, ample, whole)
 
     def brings_share(self, model: Model, best: Candidate, causes: Sequence[Cause]) -> bool:
@@ -97,8 +121,12 @@ class Guards:
         ):
             return False
         later = best.effect.delays or best.effect.acts == REVERSAL or self._views.lattice_N > 0.0
-        least = least_further_N2(LATER_SHARE if later else FORMS_SHARE, float(model.loss.sum()), causes)
-        return best.by_evidence or best.gain >= least
+        loss_N2 = float(model.loss.sum())
+        least = least_further_N2(LATER_SHARE if later else FORMS_SHARE, loss_N2, causes)
+        if best.by_evidence or best.gain >= least:
+            return True
+        most = best.gain >= max(FORMS_SHARE * loss_N2, NO_FORM_LEFT * left)
+        return most and self._views.lattice_N == 0.0 and self.doubts.no_form(model, best)
 
     def in_time_alone(self, fewer: Model, more: Model) -> bool:
         """Return whether the cause that a model has beyond another one is a function of the time that no other makes.

@@ -48,7 +48,7 @@ def held_out_errors(problem: BaseProblem, context: Context, model: Joint) -> Flo
     for number in range(FOLDS):
         test = blocks % FOLDS == number
         fit = JointFit(problem, context, ~test)
-        start = model.coefficients if model.terms else None
+        start = model if model.terms else None
         again = fit(model.terms, start, search=False)
         inside = test[record.block]
         error[inside] = again.residual_N[inside]

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from friction_estimator.core.sample import Bools
-from friction_estimator.diagnosis.base_problem import BaseProblem, Coefficients
+from friction_estimator.diagnosis.base_problem import BaseProblem
 from friction_estimator.diagnosis.descent import ROUNDS, Descent
 from friction_estimator.diagnosis.evaluation import Evaluation
 from friction_estimator.diagnosis.joint import Evaluated, Joint, Solution
@@ -40,7 +40,7 @@ class JointFit:
         self._evaluated = _Latest(problem, context)
 
     def __call__(
-        self, terms: Sequence[Term] = (), start: Coefficients | None = None, rounds: int = ROUNDS, search: bool = True
+        self, terms: Sequence[Term] = (), start: Joint | None = None, rounds: int = ROUNDS, search: bool = True
     ) -> Joint:
         """Fit.
 
@@ -49,19 +49,19 @@ class JointFit:
         terms : effects with their parameters to start from. start : an earlier fit of the base alone or with others.
         rounds : most rounds. search : look for the last term's refined parameters over their whole bracket first.
         """
-        base = start if start is not None else self._problem.fit(rows=self._rows)
-        if not terms:
-            return Joint(Solution(base, (), (base, ()), ()), self._evaluated)
-        return Joint(self._descent()(terms, base, rounds, search), self._evaluated)
+        if start is None:
+            base = self._problem.fit(rows=self._rows)
+            start = Joint(Solution(base, (), (base, ()), ()), self._evaluated)
+        return Joint(self._descent()(terms, start, rounds, search), self._evaluated) if terms else start
 
     def without(self, joint: Joint, i: int) -> Joint:
         """Return a fit without one of its terms, the others refined from where they are."""
         terms = [term for k, term in enumerate(joint.terms) if k != i]
-        return self(terms, joint.coefficients, search=False)
+        return self(terms, joint, search=False)
 
-    def elsewhere(self, terms: Sequence[Term], start: Coefficients) -> bool:
+    def elsewhere(self, terms: Sequence[Term], start: Joint) -> bool:
         """Return whether a search for the last term's refined parameters ends elsewhere than where they are."""
-        return self._descent().elsewhere(terms, start)
+        return self._descent().elsewhere(terms, start.coefficients)
 
     def _descent(self) -> Descent:
         return Descent(self._problem, self._context, self._rows)

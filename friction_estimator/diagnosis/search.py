@@ -1,6 +1,6 @@
 """The search for causes: screen, compare by joint refit, guard, name, until nothing passes the gate."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -82,10 +82,10 @@ class Searcher:
         self.smoothed = any(f.velocity_m_s is not None and f.repaired == SMOOTHED for f in faults)
         self._starts_with()
 
-    def __call__(self, progress: Progress) -> Search:
-        """Find the causes, until nothing passes the gate."""
+    def __call__(self, progress: Progress, refuted: Collection[str] = ()) -> Search:
+        """Find the causes, until nothing passes the gate; none of the refuted ones."""
         progress("base model", 0.1)
-        found = _Found([self.fits.base()])
+        found = _Found([self.fits.base()], dropped=set(refuted))
         self._extend(found, progress)
         if self._reform(found):
             self._extend(found, progress)
@@ -172,11 +172,15 @@ class Searcher:
         return [s.name for s in passing if s.hypothesis.effect.acts == SLOW]
 
     def _drop_needless(self, found: _Found) -> None:
-        """Take away what later causes have made needless."""
+        """Take away what the last cause has made needless; how well that did without it stays known."""
         while (needless := self.fits.superfluous(found.models[-1], FORMS_SHARE, LATER_SHARE)) is not None:
             place, fewer = needless
-            found.dropped.add(found.causes.pop(place).name)
+            gone, instead = found.causes.pop(place), found.models[-2]
+            behind_N2 = float(instead.loss.sum() - fewer.loss.sum())
+            found.dropped.add(gone.name)
             self._chain(found, place, fewer)
+            last = found.causes[-1]
+            found.causes[-1] = replace(last, behind_N2={**last.behind_N2, gone.name: max(behind_N2, 0.0)})
 
     def _reform(self, found: _Found) -> bool:
         """Give causes other forms, which explain more beside the others, if there are such; return whether there are.
