@@ -142,3 +142,10 @@ def test_a_record_in_pieces_gives_what_it_does_as_a_whole(terms, most, monkeypat
     for one, other in zip(whole, seen(fit(terms, rounds=1)), strict=True):
         # Columns lie in memory in another order, so products round otherwise, and a fit makes more of that.
         np.testing.assert_allclose(other, one, rtol=1e-7, atol=1e-8 * float(np.abs(one).max(initial=0.0)))
+
+
+def test_without_its_only_term_a_fit_is_the_bases() -> None:
+    """It was the base as it stood beside the term."""
+    fit = fit_of("inertia:mass=0.3")
+    one = fit([Term(EFFECTS["inertia"], {})])
+    assert fit.without(one, 0).coefficients.cost == fit().coefficients.cost > one.coefficients.cost

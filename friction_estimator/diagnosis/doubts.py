@@ -103,8 +103,8 @@ class Doubts:
         Where its gain is ample it may be much the same as they, if it explains clearly more. A time of the whole force
         does to all of it what other forms do to their part; it must bring a trace beside them. Beside it the base and
         its memory are others, too: what the whole fit takes off the residual may bring its share instead. What it saves
-        of the memory's prior they cannot make up for. And a time that explains the `whole` of what is left, and so more
-        than all of these columns, does by one number what they do by many.
+        of the memory's prior they cannot make up for. And a time or a film's lag that explains the `whole` of what is
+        left, and so more than all of these columns, does by one number what they do by many.
         """
         if one.gain > power_N2(model.joint):
             return True

@@ -45,10 +45,9 @@ class Guards:
         """Return whether the best candidate may be named."""
         if not (by_data or best.by_evidence) or not self.enough(model, best, causes):
             return False
-        doubts = self.doubts
         if not by_data:
             return True
-        if self._smoothed and doubts.undone(model, best):
+        if self._smoothed and self.doubts.undone(model, best):
             return False
         if best.name in self._views.with_pressure(model) and not self.beyond_pressure(model, best):
             return False

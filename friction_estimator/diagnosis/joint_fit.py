@@ -46,10 +46,11 @@ class JointFit:
 
         Parameters
         ----------
-        terms : effects with their parameters to start from. start : an earlier fit of the base alone or with others.
+        terms : effects with their parameters to start from. start : an earlier fit of the base alone or with others;
+            the base alone is fitted from the beginning.
         rounds : most rounds. search : look for the last term's refined parameters over their whole bracket first.
         """
-        if start is None:
+        if start is None or not terms:
             base = self._problem.fit(rows=self._rows)
             start = Joint(Solution(base, (), (base, ()), ()), self._evaluated)
         return Joint(self._descent()(terms, start, rounds, search), self._evaluated) if terms else start
