@@ -33,6 +33,9 @@ MOVABLE = 0.3
 """Mean delay of the base's memory, in samples, from which it may be what a time of the whole force should have: a
 comb of minima a sample apart. Less is the rig's own."""
 
+SHORT = 0.1
+"""Samples from which another form of a long time is begun, too."""
+
 
 class Candidates:
     """Fits effects beside models of one base problem, and remembers what it has fitted."""
@@ -79,8 +82,9 @@ class Candidates:
             moved = self.moved_over(best.model.joint) if best.effect.delays else {}
             if any(value <= 0.0 for value in moved.values()):
                 continue  # the memory takes back more than the time: it is not late at all
-            params = form | moved
-            other = self(model, best.name, params, search=not (best.effect.in_theory or best.effect.delays))
+            search = not (best.effect.in_theory or best.effect.delays)
+            fits = [self(model, best.name, start, search) for start in (form | moved, *self._shorter(best, form))]
+            other = max((fit for fit in fits if fit is not None), key=lambda fit: fit.gain, default=None)
             if other is None:
                 continue
             better = other.gain - best.gain > beyond_chance(best, other)
@@ -90,6 +94,15 @@ class Candidates:
             if better and (self.known_sign(other) or not self.known_sign(best)):
                 best = other
         return best
+
+    def _shorter(self, best: Candidate, form: Mapping[str, float]) -> list[dict[str, float]]:
+        """Return a form of a time of more than a sample as a short one, or nothing.
+
+        In the plainer form the base's memory may have made up for samples that are no part of the time.
+        """
+        if not best.effect.delays or best.term.params[best.effect.refined[0]] <= self.context.step_s:
+            return []
+        return [dict(form) | {best.effect.refined[0]: SHORT * self.context.step_s}]
 
     def _with_further(self, model: Model, best: Candidate) -> Candidate:
         """Return the candidate with more of the same in it, where that brings what a further cause must."""
