@@ -58,7 +58,7 @@ class Descent:
 
     def __call__(self, terms: Sequence[Term], start: Joint, rounds: int, search: bool) -> Solution:
         """Fit; see `JointFit.__call__`."""
-        found = self._fit(list(terms), start, rounds, search)
+        found = self._fit(terms, start, rounds, search)
         last = terms[-1].effect
         steps = [name for name in last.refined if name in last.steps and last.fixed_gain]
         return self._walked(found, terms, steps[0], start, rounds) if search and steps else found
@@ -97,15 +97,24 @@ class Descent:
 
         return downhill(found, neighbours, lambda one: one.coefficients.cost)
 
-    def _fit(self, terms: list[Term], start: Joint, rounds: int, search: bool) -> Solution:
+    def _fit(self, terms: Sequence[Term], start: Joint, rounds: int, search: bool) -> Solution:
         """Fit terms from where they are, or from where a search has put the last one.
 
         Where the start is no fixed point, but the best of a fit that ran away, its own tables are not those that it
-        was fitted with: with a term more all of it would fit worse than without. It is gone on from with the tables
-        that it had, and no further where it runs away again.
+        was fitted with: with a term more all of it may end worse than without. The tables that it had are tried, too.
         """
         base = start.coefficients
-        source = base, tuple(terms)
+        most = RUN_AWAY * base.cost if 0 < len(start.terms) < len(terms) else np.inf
+        found = self._settled(list(terms), base, (base, tuple(terms)), rounds, search, most)
+        if found.coefficients.cost <= most:
+            return found
+        other = self._settled(list(terms), base, start.source, rounds, search, most)
+        return min(found, other, key=lambda one: one.coefficients.cost)
+
+    def _settled(
+        self, terms: list[Term], base: Coefficients, source: Source, rounds: int, search: bool, most: float
+    ) -> Solution:
+        """Return a fit begun with the tables of a source; its first solution, where it costs more than `most` later."""
         reference, features = self._evaluation.tables(source)
         of_source = True  # whether the columns are made of the source's tables
         if search:
@@ -115,12 +124,6 @@ class Descent:
         anchors = tuple({n: t.effect.bracket(n, t.params[n], self._context) for n in t.refined} for t in terms)
         columns = self._columns(terms, reference, features)
         base = self._linear(terms, columns, base)
-        most = RUN_AWAY * start.coefficients.cost if 0 < len(start.terms) < len(terms) else np.inf
-        if base.cost > most:
-            source = start.source
-            reference, features = self._evaluation.tables(source)
-            columns = self._columns(terms, reference, features)
-            of_source, base = True, self._linear(terms, columns, start.coefficients)
         first = last = Solution(base, tuple(weighted(terms, columns, base.extra)), source, anchors)
         del columns, reference, features  # as large as those of each round
         best, since, in_vain = None, 0, 0

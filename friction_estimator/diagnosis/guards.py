@@ -19,7 +19,7 @@ ALIKE_LEFT = 0.8
 of one of them: a first cause of great power, a trait of the rig, must not hide a second one."""
 
 NO_FORM_LEFT = 0.25
-"""Of what is left above the noise floor: what a cause must bring that is small, but no form of an earlier one."""
+"""Of what is left above the noise floor: what a time must bring that is small, but no form of an earlier cause."""
 
 WHOLE = 0.25
 """Of its gain: what a cause that explains all that is left may leave above the noise floor."""
@@ -124,8 +124,8 @@ class Guards:
         least = least_further_N2(LATER_SHARE if later else FORMS_SHARE, loss_N2, causes)
         if best.by_evidence or best.gain >= least:
             return True
-        most = best.gain >= max(FORMS_SHARE * loss_N2, NO_FORM_LEFT * left)
-        return most and self._views.lattice_N == 0.0 and self.doubts.no_form(model, best)
+        some = best.effect.delays and best.gain >= max(FORMS_SHARE * loss_N2, NO_FORM_LEFT * left)
+        return some and self._views.lattice_N == 0.0 and self.doubts.no_form(model, best)
 
     def in_time_alone(self, fewer: Model, more: Model) -> bool:
         """Return whether the cause that a model has beyond another one is a function of the time that no other makes.
