@@ -15,6 +15,10 @@ def abba() -> tuple[Segment, ...]:
     return tuple(segment(t, psi, s) for psi in (50.0, 200.0, 200.0, 50.0) for t, s in ((1.0, 6.0), (5.0, 10.0)))
 
 
+LONG_ABBA = tuple(segment(t, psi, s) for psi in (50.0, 200.0, 200.0, 50.0) for t, s in ((1.0, 12.0), (5.0, 20.0)))
+"""The benchmark's own length."""
+
+
 def record(
     effects: Sequence[str | Effect] = (),
     *,

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from diagnosis_records import names, record
+from diagnosis_records import LONG_ABBA, names, record
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import BaseProblem
@@ -181,8 +181,7 @@ def test_a_lag_is_found_beside_a_squeezed_film() -> None:
         "squeeze_film:amplitude=1.7,speed=0.0155,form=1",
         "periodic_disturbance:amplitude=0.25,frequency=8.7,form=1",
     ]
-    segments = tuple(segment(t, psi, s) for psi in (50.0, 200.0, 200.0, 50.0) for t, s in ((1.0, 12.0), (5.0, 20.0)))
-    result = diagnose([record(hidden, plant="film_lag", seed=8, segments=segments)], Config())
+    result = diagnose([record(hidden, plant="film_lag", seed=8, segments=LONG_ABBA)], Config())
     assert set(names(result)) == {"periodic_disturbance", "frictional_lag", "squeeze_film"}
     (lag,) = (e.parameters["lag"] for e in result.effects if e.name == "frictional_lag")
     assert lag.low < 0.006 < lag.high

@@ -157,13 +157,9 @@ class Comparison:
 
     def _worth(self, option: Candidate, best: Candidate) -> float:
         """Return the gain of an option with the best cause after it, less what further parameters bring by chance."""
-        after = [(self._fits(option.model, name, p), needed) for name, p, needed in self._views.followers(option.model)]
+        after = list(self._views.followers(option.model))
         alone = option.gain - PLAIN * option.freedom * best.samples_N2
-        with_more = [
-            c.gain - PLAIN * c.freedom * best.samples_N2 - SECOND_SHARE * best.gain
-            for c, needed in after
-            if c is not None and c.held_N2 > needed
-        ]
+        with_more = [c.gain - PLAIN * c.freedom * best.samples_N2 - SECOND_SHARE * best.gain for c in after]
         if option is not best:
             self._views.forget(option.model)
         return alone + max([0.0, *with_more])

@@ -1,6 +1,6 @@
 """What a best candidate must pass before it is named: its share, and to be more than lack of fit of what is there."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from friction_estimator.diagnosis.candidate import Candidate, Model
 from friction_estimator.diagnosis.causes import LATER_SHARE, LEAST_SHARE, Cause, least_further_N2
@@ -60,11 +60,10 @@ class Guards:
         """
         if self.doubts.stands(model, best.effect, best.model):
             return True
-        for one, needed in self._followers(best):
-            if one.held_N2 > needed:
-                alone = self._fits.without(one.model, len(model.joint.terms))
-                if self.doubts.stands(alone, best.effect, one.model):
-                    return True
+        for one in self._views.followers(best.model):
+            alone = self._fits.without(one.model, len(model.joint.terms))
+            if self.doubts.stands(alone, best.effect, one.model):
+                return True
         return False
 
     def _beyond_memory(self, model: Model, best: Candidate) -> bool:
@@ -74,15 +73,8 @@ class Guards:
         """
         if self.doubts.beyond_memory(model, best, best.gain):
             return True
-        after = [one.gain for one, needed in self._followers(best) if one.held_N2 > needed]
+        after = [one.gain for one in self._views.followers(best.model)]
         return bool(after) and self.doubts.beyond_memory(model, best, PAIR * (best.gain + max(after)))
-
-    def _followers(self, best: Candidate) -> Iterator[tuple[Candidate, float]]:
-        """Yield what would come after a cause, fitted beside it, and what it must bring, N^2."""
-        for name, params, needed in self._views.followers(best.model):
-            one = self._fits(best.model, name, params)
-            if one is not None:
-                yield one, needed
 
     def beyond_pressure(self, model: Model, best: Candidate) -> bool:
         """Return whether a cause goes on within each pressure.

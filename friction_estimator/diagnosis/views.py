@@ -1,10 +1,10 @@
 """What a search sees beside each of its models: what screening says is left, and what comes next."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import BaseProblem, Capacity
-from friction_estimator.diagnosis.candidate import MEMORY_EVIDENCE, Model
+from friction_estimator.diagnosis.candidate import MEMORY_EVIDENCE, Candidate, Model
 from friction_estimator.diagnosis.candidates import Candidates
 from friction_estimator.diagnosis.causes import LATER_SHARE, LEAST_SHARE
 from friction_estimator.diagnosis.floor import noise_floor
@@ -95,7 +95,14 @@ class Views:
         hidden |= any(t.effect.acts == REVERSAL and not t.effect.delays for t in model.joint.terms)
         return passing + [s for s in some if s not in passing and s.hypothesis.effect.delays and hidden]
 
-    def followers(self, model: Model) -> list[tuple[str, dict[str, float], float]]:
+    def followers(self, model: Model) -> Iterator[Candidate]:
+        """Yield the effects that pass best after a model, fitted beside it, which bring what they must."""
+        for name, params, needed in self._followers(model):
+            one = self.fits(model, name, params)
+            if one is not None and one.held_N2 > needed:
+                yield one
+
+    def _followers(self, model: Model) -> list[tuple[str, dict[str, float], float]]:
         """Return name and parameters of the effects that pass best after a model, and what each must bring, N^2."""
         if model not in self._after:
             view = self.of(model)
