@@ -290,8 +290,15 @@ def test_a_search_names_nothing_that_was_refuted() -> None:
     data = build_record([record(["inertia:mass=0.3", "sensor_bias:bias=0.3"])], seal)
     context = data.context(seal, float(np.abs(data.friction_N).max()))
     some = {name: EFFECTS[name] for name in ("inertia", "sensor_bias", "direction_asymmetry")}
-    found = Searcher(data, seal, context, some, 0)(lambda _stage, _part: None, {"sensor_bias"})
-    assert {cause.name for cause in found.causes} == {"inertia", "direction_asymmetry"}
+    searcher = Searcher(data, seal, context, some, 0)
+    first = searcher(lambda _stage, _part: None)
+    assert [cause.name for cause in first.causes] == ["sensor_bias", "inertia"]
+    later = searcher.without({"inertia"}, lambda _stage, _part: None)
+    assert "inertia" not in {cause.name for cause in later.causes}
+    assert later.models[:2] == first.models[:2], "it goes on from where the refuted cause was named"
+    other = searcher.without({"sensor_bias", "inertia"}, lambda _stage, _part: None)
+    assert [cause.name for cause in other.causes] == ["direction_asymmetry"]
+    assert other.models[0] == first.models[0]
 
 
 def test_what_was_made_needless_is_known_by_how_much_it_is_behind() -> None:

@@ -78,18 +78,20 @@ def diagnose(
         return _undecidable(raw, config, context, excitation)
     record, context, found_faults = repaired(raw, config, context, catalogue)
     found_faults = [*faults, *found_faults]
-    found = Searcher(record, config, context, catalogue, seed, found_faults)(progress)
+    searcher = Searcher(record, config, context, catalogue, seed, found_faults)
+    found = searcher(progress)
     if late := concealed(found_faults, record, context, found.models[-1], catalogue):
         for fault in late:
             record = with_repair(record, config, fault)
         found_faults += late
-        found = Searcher(record, config, context, catalogue, seed, found_faults)(progress)
+        searcher = Searcher(record, config, context, catalogue, seed, found_faults)
+        found = searcher(progress)
     progress("measuring gains on held-out data", 0.75)
     spread = float(np.std(record.friction_N[record.used]))
     found, errors, refuted = gaining(found, record, context, spread)
     if refuted:
         # What had been held against those may gain in their place.
-        again = Searcher(record, config, context, catalogue, seed, found_faults)(progress, refuted)
+        again = searcher.without(refuted, progress)
         other, others, _ = gaining(again, record, context, spread)
         if rms(others[-1], record) < rms(errors[-1], record):
             found, errors = other, others

@@ -1,7 +1,8 @@
 """The search for causes: screen, compare by joint refit, guard, name, until nothing passes the gate."""
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field, replace
+from copy import copy
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 
 from friction_estimator.core.settings.config import Config
@@ -49,7 +50,7 @@ class _Refused:
 
 @dataclass
 class _Found:
-    """What a search has found so far: see `Search`; `dropped` were named and became needless."""
+    """What a search has found so far: see `Search`; `dropped` were named and became needless, or were refuted."""
 
     models: list[Model]
     causes: list[Cause] = field(default_factory=list)
@@ -57,6 +58,10 @@ class _Found:
     asked: list[str] = field(default_factory=list)
     dropped: set[str] = field(default_factory=set)
     refused: list[_Refused] = field(default_factory=list)
+
+    def copy(self) -> "_Found":
+        """Return this as it is now; neither changes the other."""
+        return _Found(**{item.name: copy(getattr(self, item.name)) for item in fields(self)})
 
 
 class Searcher:
@@ -82,10 +87,19 @@ class Searcher:
         self.smoothed = any(f.velocity_m_s is not None and f.repaired == SMOOTHED for f in faults)
         self._starts_with()
 
-    def __call__(self, progress: Progress, refuted: Collection[str] = ()) -> Search:
-        """Find the causes, until nothing passes the gate; none of the refuted ones."""
+    def __call__(self, progress: Progress) -> Search:
+        """Find the causes, until nothing passes the gate."""
         progress("base model", 0.1)
-        found = _Found([self.fits.base()], dropped=set(refuted))
+        return self._searched(_Found([self.fits.base()]), progress)
+
+    def without(self, refuted: Collection[str], progress: Progress) -> Search:
+        """Go on from before the first of these causes was named, to name none of them."""
+        found = next(before for name, before in self._before.items() if name in refuted).copy()
+        found.dropped |= set(refuted)
+        return self._searched(found, progress)
+
+    def _searched(self, found: _Found, progress: Progress) -> Search:
+        """Go on from what was found so far, until nothing passes the gate."""
         self._extend(found, progress)
         if self._reform(found):
             self._extend(found, progress)
@@ -154,6 +168,7 @@ class Searcher:
                 if equals(c, [best]) or c.effect.acts == best.effect.acts == SLOW
             ]
             rivals = tuple(dict.fromkeys([*rivals, *as_good, *self._other_slow(model, best)]))
+            self._before[best.name] = so_far.copy()
             causes.append(Cause(best.name, p_value, best.gain, rivals, behind))
             models.append(best.model)
             self._keep_only(best.model)
@@ -236,6 +251,7 @@ class Searcher:
         self.fits = self.views.fits
         self.guards = Guards(self.views, self.smoothed)
         self.comparison = Comparison(self.views, self.guards)
+        self._before: dict[str, _Found] = {}  # what was found before each cause was named, in that order
 
     def _apart_by(self, fewer: Model, more: Model, left_N2: float) -> dict[str, float]:
         """Return by how much the quantities of a model's last term may be others (`Candidates.apart`)."""
