@@ -1,7 +1,7 @@
 """One fit of base model and named effects: nonlinear parameters refined, or sought everywhere first."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from friction_estimator.core.sample import Bools, Floats
 from friction_estimator.diagnosis.base import BaseFit
 from friction_estimator.diagnosis.base_problem import BaseProblem, Coefficients
 from friction_estimator.diagnosis.evaluation import LEAST_SLOPE, Evaluation
-from friction_estimator.diagnosis.joint import Joint, Solution, Source
+from friction_estimator.diagnosis.joint import Anchors, Joint, Solution, Source
 from friction_estimator.diagnosis.linear import LinearFit
 from friction_estimator.diagnosis.own_columns import Term, largest_change, weighted
 from friction_estimator.diagnosis.seek import beside, downhill
@@ -37,6 +37,19 @@ steps fail, too, the others gain less than 5e-4 of the cost. The rounds that fol
 
 MOVED = 0.05
 """Share of the logarithm of its bracket beyond which a parameter that is sought anew lies in another minimum."""
+
+
+@dataclass(frozen=True)
+class _Ended:
+    """Where the rounds of a fit have ended: at a fixed point, which is `still`, or elsewhere."""
+
+    solution: Solution
+    still: bool
+
+    @property
+    def cost(self) -> float:
+        """Of the solution."""
+        return self.solution.coefficients.cost
 
 
 class Descent:
@@ -102,31 +115,51 @@ class Descent:
 
         Where the start is no fixed point, but the best of a fit that ran away, its own tables are not those that it
         was fitted with: with a term more all of it may end worse than without. The tables that it had are tried, too.
+        And where the rounds run away although bristles carry the level, so are those of a base that nothing has bent.
         """
         base = start.coefficients
         most = RUN_AWAY * base.cost if 0 < len(start.terms) < len(terms) else np.inf
-        found = self._settled(list(terms), base, (base, tuple(terms)), rounds, search, most)
-        if found.coefficients.cost <= most:
-            return found
-        other = self._settled(list(terms), base, start.source, rounds, search, most)
-        return min(found, other, key=lambda one: one.coefficients.cost)
+        ended = self._settled(terms, base, (base, tuple(terms)), rounds, search, most)
+        if ended.cost > most:
+            other = self._settled(terms, base, start.source, rounds, search, most)
+            ended = min(ended, other, key=lambda one: one.cost)
+        begun_so = search and terms[-1].effect.carries(terms[-1].params)
+        if ended.still or begun_so or not any(t.effect.carries(t.params) for t in terms):
+            return ended.solution
+        so_far = ended.solution
+        unbent = self._settled(so_far.terms, base, so_far.source, rounds, False, most, so_far.anchors)
+        return min(ended, unbent, key=lambda one: one.cost).solution
 
     def _settled(
-        self, terms: list[Term], base: Coefficients, source: Source, rounds: int, search: bool, most: float
-    ) -> Solution:
-        """Return a fit begun with the tables of a source; its first solution, where it costs more than `most` later."""
+        self,
+        terms: Sequence[Term],
+        base: Coefficients,
+        source: Source,
+        rounds: int,
+        search: bool,
+        most: float,
+        within: Anchors | None = None,
+    ) -> "_Ended":
+        """Return a fit begun with the tables of a source; its first solution, where it costs more than `most` later.
+
+        One that stays `within` the brackets of another begins with the tables of the theory alone.
+        """
+        terms = list(terms)
         reference, features = self._evaluation.tables(source)
-        of_source = True  # whether the columns are made of the source's tables
-        if search:
-            sought = self._sought.tables(terms[-1], reference)
-            of_source, reference = sought is reference, sought
-            terms[-1] = replace(terms[-1], params=self._sought(terms, base, reference, features))
-        anchors = tuple({n: t.effect.bracket(n, t.params[n], self._context) for n in t.refined} for t in terms)
-        columns = self._columns(terms, reference, features)
+        begun = reference
+        if within is not None:
+            begun = self._base.untouched or reference
+        elif search:
+            begun = self._sought.tables(terms[-1], reference)
+            terms[-1] = replace(terms[-1], params=self._sought(terms, base, begun, features))
+        around = tuple({n: t.effect.bracket(n, t.params[n], self._context) for n in t.refined} for t in terms)
+        anchors = within or around
+        columns = self._columns(terms, begun, features)
         base = self._linear(terms, columns, base)
+        of_source = begun is reference
         first = last = Solution(base, tuple(weighted(terms, columns, base.extra)), source, anchors)
-        del columns, reference, features  # as large as those of each round
-        best, since, in_vain = None, 0, 0
+        del columns, reference, features, begun  # as large as those of each round
+        best, since, in_vain, still = None, 0, 0, False
         for _ in range(rounds):
             before = last
             last = self._stepped((before.coefficients, before.terms), anchors, stay=in_vain >= IN_VAIN)
@@ -135,13 +168,16 @@ class Descent:
             cost, was = last.coefficients.cost, before.coefficients.cost
             best, since = (last, 0) if best is None or cost < best.coefficients.cost else (best, since + 1)
             still = abs(cost - was) < SETTLED_COST * was
-            if since == RISES or (still and largest_change(before.terms, last.terms, anchors) < SETTLED):
+            still = still and largest_change(before.terms, last.terms, anchors) < SETTLED
+            if since == RISES or still:
                 break
         if best is not None and last.coefficients.cost > RUN_AWAY * best.coefficients.cost:
-            last = best
-        return first if of_source and first.coefficients.cost < most < last.coefficients.cost else last
+            last, still = best, False
+        if of_source and first.coefficients.cost < most < last.coefficients.cost:
+            return _Ended(first, still=False)
+        return _Ended(last, still)
 
-    def _stepped(self, source: Source, anchors: tuple[Mapping[str, tuple[float, float]], ...], stay: bool) -> Solution:
+    def _stepped(self, source: Source, anchors: Anchors, stay: bool) -> Solution:
         """Return a model after one Gauss-Newton step of all refined parameters that descends.
 
         Parameters in which the columns jump stay where the search has put them, all of them if they are to `stay`.

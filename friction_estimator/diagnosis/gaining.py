@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from friction_estimator.core.sample import Floats
-from friction_estimator.diagnosis.causes import Search
+from friction_estimator.diagnosis.causes import Cause, Search
 from friction_estimator.diagnosis.held_out import gain_between, held_out_errors
 from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.own_columns import Term
@@ -11,7 +11,7 @@ from friction_estimator.diagnosis.record import Record
 from friction_estimator.effects.features import Context
 
 
-def gaining(found: Search, record: Record, context: Context, spread: float) -> tuple[Search, list[Floats], set[str]]:
+def gaining(found: Search, record: Record, context: Context, spread: float) -> tuple[Search, list[Floats], list[Cause]]:
     """Return a search without the causes that do not gain where all is refitted on other samples, its errors, and them.
 
     The search judges by a fit that is linear about its optimum; the gains that are told come from whole refits. One
@@ -23,7 +23,7 @@ def gaining(found: Search, record: Record, context: Context, spread: float) -> t
 
     errors = [held_out_errors(found.problem, context, m) for m in found.models]
     beside: set[str] = set()
-    refuted: set[str] = set()
+    refuted: list[Cause] = []
     while True:
         doubtful = [
             i
@@ -39,7 +39,7 @@ def gaining(found: Search, record: Record, context: Context, spread: float) -> t
         if i + 1 < len(found.causes) and not doubted(left[-1], errors[-1], found.models[-1].terms[i]):
             beside.add(found.causes[i].name)
         else:
-            refuted.add(found.causes[i].name)
+            refuted.append(found.causes[i])
             found, errors = fewer, left
 
 

@@ -16,6 +16,9 @@ from friction_estimator.effects.reference import Reference
 Source = tuple[Coefficients, tuple[Term, ...]]
 """A model that tables are made from: the base's coefficients, and the terms."""
 
+Anchors = tuple[Mapping[str, tuple[float, float]], ...]
+"""For each term the bracket of each refined parameter."""
+
 
 @dataclass(frozen=True, eq=False)
 class Solution:
@@ -24,13 +27,13 @@ class Solution:
     Attributes
     ----------
     coefficients, terms : found. source : what the tables were made from, the round before.
-    anchors : for each term the bracket of each refined parameter.
+    anchors : brackets of the refined parameters.
     """
 
     coefficients: Coefficients
     terms: tuple[Term, ...]
     source: Source
-    anchors: tuple[Mapping[str, tuple[float, float]], ...]
+    anchors: Anchors
 
 
 @dataclass(frozen=True)

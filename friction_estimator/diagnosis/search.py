@@ -92,10 +92,16 @@ class Searcher:
         progress("base model", 0.1)
         return self._searched(_Found([self.fits.base()]), progress)
 
-    def without(self, refuted: Collection[str], progress: Progress) -> Search:
-        """Go on from before the first of these causes was named, to name none of them."""
-        found = next(before for name, before in self._before.items() if name in refuted).copy()
-        found.dropped |= set(refuted)
+    def without(self, refuted: Collection[Cause], progress: Progress) -> Search:
+        """Go on from before the first of these causes was named, to name none of them.
+
+        Nor what is another form of one, and explains the same: it says no more than that one.
+        """
+        names = {cause.name for cause in refuted}
+        family = {cause.name: self.views.catalogue[cause.name].family for cause in refuted}
+        same = {n for c in refuted for n in c.rivals if self.views.catalogue[n].family == family[c.name]}
+        found = next(before for name, before in self._before.items() if name in names).copy()
+        found.dropped |= names | same
         return self._searched(found, progress)
 
     def _searched(self, found: _Found, progress: Progress) -> Search:
