@@ -125,7 +125,7 @@ class Doubts:
         """Return whether an effect brings as much as this beside any dependence on the recorded pressure."""
         return self._beside(model, AnyPressure).beside(one.model.joint.parts_N[-1]) >= least_N2
 
-    def keep_only(self, model: Model) -> None:
+    def keep_only(self, model: Model | None) -> None:
         """Forget what columns of no cause explain beside other models: those are as long as the record."""
         self._lacks = {known: lack for known, lack in self._lacks.items() if known[0] is model}
 

@@ -119,6 +119,7 @@ class Searcher:
         steps = zip(causes, models, models[1:], strict=False)
         causes = [replace(one, apart=self._apart_by(fewer, more, left)) for one, fewer, more in steps]
         causes = self._beside_refused(models[-1], causes, doubtful)
+        self._keep_only(None)
         return Search(
             self.views.problem,
             tuple(cause.within(left) for cause in causes),
@@ -246,8 +247,8 @@ class Searcher:
         ]
         self._keep_only(last)
 
-    def _keep_only(self, model: Model) -> None:
-        """Forget what was seen beside other models."""
+    def _keep_only(self, model: Model | None) -> None:
+        """Forget what was seen beside other models; it is as large as the record."""
         self.views.keep_only(model)
         self.guards.doubts.keep_only(model)
 

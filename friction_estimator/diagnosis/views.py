@@ -115,7 +115,7 @@ class Views:
         recorded = any(t.effect.recorded for t in model.joint.terms)
         return {n for n, cls in self.catalogue.items() if cls.acts == SLOW} if self.ordered and recorded else set()
 
-    def keep_only(self, model: Model) -> None:
+    def keep_only(self, model: Model | None) -> None:
         """Forget what was seen beside other models: what the library says of one is the largest thing there is."""
         self._views = {key: view for key, view in self._views.items() if key is model}
         self._after = {key: some for key, some in self._after.items() if key is model}
