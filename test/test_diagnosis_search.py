@@ -23,6 +23,7 @@ from friction_estimator.rig.plant import PLANTS
 from friction_estimator.rig.simulate import Scenario, simulate
 
 IN_ORDER = tuple(segment(t, psi, s) for psi in (50.0, 100.0, 200.0) for t, s in ((1.0, 8.0), (5.0, 12.0)))
+MULTISINES = (segment(8.0, 50.0, 40.0, "multisine"), segment(8.0, 200.0, 40.0, "multisine"))
 ONE_PRESSURE = (segment(1.0, 50.0, 20.0), segment(5.0, 50.0, 40.0))
 
 
@@ -344,8 +345,7 @@ def test_a_small_delay_that_no_form_of_a_trait_makes_is_named() -> None:
 
 def test_bristles_that_run_away_beside_a_cause_are_begun_anew() -> None:
     """A time that is not there was named instead of the step, and 70 % were left."""
-    segments = (segment(8.0, 50.0, 40.0, "multisine"), segment(8.0, 200.0, 40.0, "multisine"))
-    result = diagnose([record(["bias_step:size=0.04,at=36"], plant="maxwell_slip", segments=segments)], Config())
+    result = diagnose([record(["bias_step:size=0.04,at=36"], plant="maxwell_slip", segments=MULTISINES)], Config())
     assert names(result) == ["presliding", "bias_step"]
     assert result.effects[1].parameters["at"].value == pytest.approx(36.0, abs=0.1)
     assert result.unexplained_percent < 3.0
@@ -353,8 +353,7 @@ def test_bristles_that_run_away_beside_a_cause_are_begun_anew() -> None:
 
 def test_what_comes_after_bristles_is_found_although_their_fit_does_not_settle() -> None:
     """Every cause beside them began at three times their cost and was given up: a fifth was told as left."""
-    segments = (segment(8.0, 50.0, 40.0, "multisine"), segment(8.0, 200.0, 40.0, "multisine"))
-    result = diagnose([record(["bias_step:size=0.04,at=30"], plant="maxwell_slip", segments=segments)], Config())
+    result = diagnose([record(["bias_step:size=0.04,at=30"], plant="maxwell_slip", segments=MULTISINES)], Config())
     assert names(result) == ["presliding", "bias_step"]
     assert result.effects[1].parameters["at"].value == pytest.approx(30.0, abs=0.1)
     assert result.unexplained_percent < 8.0

@@ -139,7 +139,7 @@ class Descent:
         search: bool,
         most: float,
         within: Anchors | None = None,
-    ) -> "_Ended":
+    ) -> _Ended:
         """Return a fit begun with the tables of a source; its first solution, where it costs more than `most` later.
 
         One that stays `within` the brackets of another begins with the tables of the theory alone.
@@ -152,8 +152,9 @@ class Descent:
         elif search:
             begun = self._sought.tables(terms[-1], reference)
             terms[-1] = replace(terms[-1], params=self._sought(terms, base, begun, features))
-        around = tuple({n: t.effect.bracket(n, t.params[n], self._context) for n in t.refined} for t in terms)
-        anchors = within or around
+        anchors = within or tuple(
+            {n: t.effect.bracket(n, t.params[n], self._context) for n in t.refined} for t in terms
+        )
         columns = self._columns(terms, begun, features)
         base = self._linear(terms, columns, base)
         of_source = begun is reference

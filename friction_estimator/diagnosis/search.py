@@ -97,9 +97,8 @@ class Searcher:
 
         Nor what is another form of one, and explains the same: it says no more than that one.
         """
-        names = {cause.name for cause in refuted}
-        family = {cause.name: self.views.catalogue[cause.name].family for cause in refuted}
-        same = {n for c in refuted for n in c.rivals if self.views.catalogue[n].family == family[c.name]}
+        names, of = {cause.name for cause in refuted}, self.views.catalogue
+        same = {n for cause in refuted for n in cause.rivals if of[n].family == of[cause.name].family}
         found = next(before for name, before in self._before.items() if name in names).copy()
         found.dropped |= names | same
         return self._searched(found, progress)
