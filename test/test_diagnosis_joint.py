@@ -2,6 +2,7 @@
 
 import gc
 import weakref
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,13 @@ from friction_estimator.core import sums
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis import joint_fit, own_columns, term_columns
 from friction_estimator.diagnosis.base_problem import BaseProblem
-from friction_estimator.diagnosis.joint import Evaluated, Joint
+from friction_estimator.diagnosis.evaluation import Evaluation
+from friction_estimator.diagnosis.joint import Evaluated, Joint, Solution
 from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.own_columns import OwnColumns, Term
 from friction_estimator.diagnosis.record import Record, build_record
 from friction_estimator.effects import EFFECTS, parse_effect
-from friction_estimator.effects.features import Features
+from friction_estimator.effects.features import Context, Features
 from friction_estimator.rig.simulate import Scenario, simulate
 
 SEAL = Config.from_mapping({"theory.kind": "seal"})
@@ -49,10 +51,14 @@ def as_of_a_long_record(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(joint_fit, "KEPT_BYTES", 0)
 
 
-def fit_of(hidden: str, plant: str = "clean") -> JointFit:
+def problem_of(hidden: str, plant: str) -> tuple[BaseProblem, Context]:
     run = simulate(Scenario(abba(), plant, 200.0, 0.01, 3, (parse_effect(hidden),)))
     data = build_record([run.samples], SEAL)
-    return JointFit(BaseProblem(data, SEAL), data.context(SEAL, float(np.abs(data.friction_N).max())))
+    return BaseProblem(data, SEAL), data.context(SEAL, float(np.abs(data.friction_N).max()))
+
+
+def fit_of(hidden: str, plant: str = "clean") -> JointFit:
+    return JointFit(*problem_of(hidden, plant))
 
 
 def seen(joint: Joint) -> list[np.ndarray]:
@@ -83,6 +89,39 @@ def test_what_was_let_go_is_made_again_to_the_bit(terms) -> None:
     assert again is not held  # else this compares an array with itself
     for before, after in zip(first, seen(joint), strict=True):
         np.testing.assert_array_equal(before, after)
+
+
+@pytest.mark.parametrize(
+    ("beside", "share"),
+    [([], 2e-3), (BEHIND_A_FILTER[2:3], 2e-3), ([FILM], 0.1)],
+    ids=["nothing", "filter", "film"],
+)
+def test_the_tangent_has_in_it_what_bristles_carry_of_the_curve(beside, share) -> None:
+    """Without it curve and level, each fitted to the other, ran away (decision 0214).
+
+    A film changes the level by a factor, which is taken as it is though it moves with the curve a little.
+    """
+    problem, context = problem_of("frictional_lag:lag=0.004", "maxwell_slip")
+    evaluated = Evaluation(problem, context)
+    joint = JointFit(problem, context)([BRISTLES, *beside])
+    found, terms = joint.coefficients, joint.terms
+
+    def at(weights: np.ndarray) -> tuple[Evaluated, float]:
+        """Return the model with its tables made from itself, and the level at rest."""
+        source = replace(found, weights=weights), terms
+        made = evaluated(Solution(*source, source, tuple(dict.fromkeys(t.refined, (0.0, 1.0)) for t in terms)))
+        table = made.reference
+        return made, float(table.level(np.zeros(1), np.array([table.pressures_Pa.mean()]))[0])
+
+    here, level = at(found.weights)
+    tangent = here.tangent[:] * np.pad(here.tangent.norm, (0, here.tangent.shape[1] - here.tangent.norm.size))
+    for j, weight in enumerate(found.weights):
+        step = 1e-3 * max(abs(weight), 0.1)
+        there, moved = at(found.weights + step * (np.arange(found.weights.size) == j))
+        # The bristles' coefficients are forces over the level at rest, which moves with the curve.
+        carried = there.parts_N[0] * moved / level - here.parts_N[0]
+        slope = (there.base.fitted_N - here.base.fitted_N + carried) / step
+        np.testing.assert_allclose(tangent[:, j], slope, atol=share * np.abs(slope).max())
 
 
 def test_of_many_fits_few_have_what_is_as_long_as_the_record() -> None:

@@ -196,6 +196,12 @@ class BaseProblem:
         other.products = self.products.of(static, chosen)
         return other
 
+    def tied(self, found: Extra) -> tuple["BaseProblem", Extra]:
+        """Return the problem, for a fit alone, with columns added to its own: see `LaggedProducts.tied`."""
+        other = copy(self)
+        other.products, rest = self.products.tied(found)
+        return other, rest
+
     # Coefficients of the lagged columns
 
     def spread(self, weights: Floats, taps: Floats, own: Floats) -> Floats:

@@ -1,7 +1,7 @@
 """One fit of base model and named effects: nonlinear parameters refined, or sought everywhere first."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from friction_estimator.diagnosis.own_columns import Term, largest_change, weigh
 from friction_estimator.diagnosis.seek import beside, downhill
 from friction_estimator.diagnosis.sought import Sought
 from friction_estimator.diagnosis.tangent import normal_equations
+from friction_estimator.diagnosis.term_columns import Made
 from friction_estimator.effects.features import Context
 
 ROUNDS = 14
@@ -37,19 +38,6 @@ steps fail, too, the others gain less than 5e-4 of the cost. The rounds that fol
 
 MOVED = 0.05
 """Share of the logarithm of its bracket beyond which a parameter that is sought anew lies in another minimum."""
-
-
-@dataclass(frozen=True)
-class _Ended:
-    """Where the rounds of a fit have ended: at a fixed point, which is `still`, or elsewhere."""
-
-    solution: Solution
-    still: bool
-
-    @property
-    def cost(self) -> float:
-        """Of the solution."""
-        return self.solution.coefficients.cost
 
 
 class Descent:
@@ -80,7 +68,7 @@ class Descent:
         """Return whether a search ends elsewhere; see `JointFit.elsewhere`."""
         term = terms[-1]
         reference, features = self._evaluation.tables((start, tuple(terms)))
-        found = self._sought(terms, start, self._sought.tables(term, reference), features)
+        found = self._sought(terms, start, reference, features)
         for name in term.refined:
             here, there = term.params[name], found[name]
             low, high = term.effect.bracket(name, here, self._context)
@@ -111,56 +99,18 @@ class Descent:
         return downhill(found, neighbours, lambda one: one.coefficients.cost)
 
     def _fit(self, terms: Sequence[Term], start: Joint, rounds: int, search: bool) -> Solution:
-        """Fit terms from where they are, or from where a search has put the last one.
-
-        Where the start is no fixed point, but the best of a fit that ran away, its own tables are not those that it
-        was fitted with: with a term more all of it may end worse than without. The tables that it had are tried, too.
-        And where the rounds run away although bristles carry the level, so are those of a base that nothing has bent.
-        """
-        base = start.coefficients
-        most = RUN_AWAY * base.cost if 0 < len(start.terms) < len(terms) else np.inf
-        ended = self._settled(terms, base, (base, tuple(terms)), rounds, search, most)
-        if ended.cost > most:
-            other = self._settled(terms, base, start.source, rounds, search, most)
-            ended = min(ended, other, key=lambda one: one.cost)
-        begun_so = search and terms[-1].effect.carries(terms[-1].params)
-        if ended.still or begun_so or not any(t.effect.carries(t.params) for t in terms):
-            return ended.solution
-        so_far = ended.solution
-        unbent = self._settled(so_far.terms, base, so_far.source, rounds, False, most, so_far.anchors)
-        return min(ended, unbent, key=lambda one: one.cost).solution
-
-    def _settled(
-        self,
-        terms: Sequence[Term],
-        base: Coefficients,
-        source: Source,
-        rounds: int,
-        search: bool,
-        most: float,
-        within: Anchors | None = None,
-    ) -> _Ended:
-        """Return a fit begun with the tables of a source; its first solution, where it costs more than `most` later.
-
-        One that stays `within` the brackets of another begins with the tables of the theory alone.
-        """
-        terms = list(terms)
+        """Fit terms from where they are, or from where a search has put the last one."""
+        terms, base = list(terms), start.coefficients
+        source = base, tuple(terms)
         reference, features = self._evaluation.tables(source)
-        begun = reference
-        if within is not None:
-            begun = self._base.untouched or reference
-        elif search:
-            begun = self._sought.tables(terms[-1], reference)
-            terms[-1] = replace(terms[-1], params=self._sought(terms, base, begun, features))
-        anchors = within or tuple(
-            {n: t.effect.bracket(n, t.params[n], self._context) for n in t.refined} for t in terms
-        )
-        columns = self._columns(terms, begun, features)
-        base = self._linear(terms, columns, base)
-        of_source = begun is reference
-        first = last = Solution(base, tuple(weighted(terms, columns, base.extra)), source, anchors)
-        del columns, reference, features, begun  # as large as those of each round
-        best, since, in_vain, still = None, 0, 0, False
+        if search:
+            terms[-1] = replace(terms[-1], params=self._sought(terms, base, reference, features))
+        anchors = tuple({n: t.effect.bracket(n, t.params[n], self._context) for n in t.refined} for t in terms)
+        made = self._columns(terms, reference, features)
+        base = self._linear(terms, made, base)
+        last = Solution(base, tuple(weighted(terms, made.columns, base.extra)), source, anchors)
+        del made, reference, features  # as large as those of each round
+        best, since, in_vain = None, 0, 0
         for _ in range(rounds):
             before = last
             last = self._stepped((before.coefficients, before.terms), anchors, stay=in_vain >= IN_VAIN)
@@ -168,15 +118,12 @@ class Descent:
             in_vain = in_vain + 1 if stayed else 0
             cost, was = last.coefficients.cost, before.coefficients.cost
             best, since = (last, 0) if best is None or cost < best.coefficients.cost else (best, since + 1)
-            still = abs(cost - was) < SETTLED_COST * was
-            still = still and largest_change(before.terms, last.terms, anchors) < SETTLED
-            if since == RISES or still:
+            moved = largest_change(before.terms, last.terms, anchors)
+            if since == RISES or (abs(cost - was) < SETTLED_COST * was and moved < SETTLED):
                 break
         if best is not None and last.coefficients.cost > RUN_AWAY * best.coefficients.cost:
-            last, still = best, False
-        if of_source and first.coefficients.cost < most < last.coefficients.cost:
-            return _Ended(first, still=False)
-        return _Ended(last, still)
+            return best
+        return last
 
     def _stepped(self, source: Source, anchors: Anchors, stay: bool) -> Solution:
         """Return a model after one Gauss-Newton step of all refined parameters that descends.
@@ -185,15 +132,15 @@ class Descent:
         """
         base, terms = source[0], list(source[1])
         reference, features = self._evaluation.tables(source)
-        columns = self._columns(terms, reference, features)
-        here = self._linear(terms, columns, base)
-        terms = weighted(terms, columns, here.extra)
+        made = self._columns(terms, reference, features)
+        here = self._linear(terms, made, base)
+        terms = weighted(terms, made.columns, here.extra)
         still = Solution(here, tuple(terms), source, anchors)
         places = [(i, n) for i, t in enumerate(terms) for n in t.refined if not stay and n not in t.effect.steps]
-        steps = self._steps(still, columns, places) if places else {}
+        steps = self._steps(still, made, places) if places else {}
         if not steps:
             return still
-        del columns  # as large as those of a trial
+        del made  # as large as what is made of a trial
         for share in DAMPINGS:
             trial = list(terms)
             for (i, name), step in steps.items():
@@ -202,19 +149,17 @@ class Descent:
             other = self._columns(trial, reference, features)
             there = self._linear(trial, other, here)
             if there.cost < here.cost:
-                return Solution(there, tuple(weighted(trial, other, there.extra)), source, anchors)
+                return Solution(there, tuple(weighted(trial, other.columns, there.extra)), source, anchors)
         return still
 
-    def _steps(
-        self, here: Solution, columns: Sequence[Floats], places: Sequence[tuple[int, str]]
-    ) -> dict[tuple[int, str], float]:
+    def _steps(self, here: Solution, made: Made, places: Sequence[tuple[int, str]]) -> dict[tuple[int, str], float]:
         """Return the undamped steps of some refined parameters, of those that change anything.
 
         Parameters
         ----------
-        here : the model. columns : of its terms. places : number of the term and name of each parameter.
+        here : the model. made : of its terms. places : number of the term and name of each parameter.
         """
-        terms, used = here.terms, self._used
+        terms, columns, used = here.terms, made.columns, self._used
         reference, features = self._evaluation.tables(here.source)
         fit = BaseFit.of(self._base(terms), here.coefficients)
         slopes = [self._evaluation.slope(terms, i, name, columns, fit, features, reference) for i, name in places]
@@ -226,8 +171,11 @@ class Descent:
             return {}
         parts = sum((c @ t.weights for c, t in zip(columns, terms, strict=True) if c.size), np.zeros(features.size))
         e = self._record.friction_N - fit.fitted_N - parts
+        tangent = fit.tangent.with_carried(made.carried)
+        if made.carried is not None:
+            e = e - made.carried.changed(here.coefficients.weights, here.coefficients.taps)
         free = [c for c, t in zip(columns, terms, strict=True) if not t.effect.fixed_gain]
-        norm, gram, right = normal_equations(fit.tangent, [*free, *(s[:, None] for s in slopes)], e, used)
+        norm, gram, right = normal_equations(tangent, [*free, *(s[:, None] for s in slopes)], e, used)
         penalty = np.concatenate([fit.penalty, np.zeros(norm.size - fit.penalty.size)]) + 1e-9 * used.sum()
         delta = np.linalg.solve(gram + np.diag(penalty), right) / norm
         return dict(zip(places, delta[delta.size - len(places) :].tolist(), strict=True))

@@ -101,7 +101,8 @@ class Evaluation:
         reference, features = self.tables(solution.source)
         record = self._record
         fit = BaseFit.of(self.base(terms), coefficients)
-        columns = self.columns(terms, reference, features)
+        made = self.columns(terms, reference, features)
+        columns = made.columns
         forces, residual = [], record.friction_N - fit.fitted_N
         for column, term in zip(columns, terms, strict=True):
             if self.base.changed_by(term):
@@ -131,7 +132,7 @@ class Evaluation:
             ended.append(shown & ends)
             held.append(np.where(shown & ~ended[-1], 0.0, HELD))
         penalty = np.concatenate([fit.penalty, *held])
-        tangent = fit.tangent.beside_it(beside)
+        tangent = fit.tangent.with_carried(made.carried).beside_it(beside)
         # What is screened beside this model acts on the whole force before the sensor.
         inside = [
             p for p, t in zip(forces, terms, strict=True) if not self.base.changed_by(t) and t.effect.stage in FINE

@@ -76,11 +76,6 @@ class Joint:
         return self._solution.terms
 
     @property
-    def source(self) -> Source:
-        """What its tables were made from."""
-        return self._solution.source
-
-    @property
     def base(self) -> BaseFit:
         """The base model's part."""
         return self._evaluated(self._solution).base

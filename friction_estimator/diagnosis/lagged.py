@@ -7,7 +7,7 @@ searches, starts and folds then work on small matrices only.
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,6 +62,10 @@ class Extra:
     mx: Floats
     xx: Floats
     xy: Floats
+
+    def __getitem__(self, columns: slice, /) -> "Extra":
+        """Return the products of some of the columns."""
+        return Extra(self.mx[:, :, columns], self.xx[:, columns, columns], self.xy[:, columns])
 
 
 class LaggedProducts:
@@ -138,6 +142,25 @@ class LaggedProducts:
             xx[b] = inner(x, x)
             xy[b] = x.T @ self._force[rows]
         return Extra(mx, xx, xy)
+
+    def tied(self, found: Extra) -> tuple["LaggedProducts", Extra]:
+        """Return the products with one column more, without a lag, added to each static column at every lag.
+
+        The sum of a static column's coefficients over the lags is what it has in steady motion: so is the coefficient
+        of the column that is added to it.
+
+        Parameters
+        ----------
+        found : products of these columns, (n, m), and of further ones, (n, c). Those of the further ones are returned.
+        """
+        m, lags = self.width, self.order + 1
+        to, rest = found[:m], found[m:]
+        across = np.tile(to.mx, (1, 1, lags))
+        other = copy(self)
+        other.gram = self.gram + across + across.transpose(0, 2, 1) + np.tile(to.xx, (1, lags, lags))
+        other.cross = self.cross + np.tile(to.xy, (1, lags))
+        other.whole_gram = other.gram.sum(axis=0)
+        return other, replace(rest, mx=rest.mx + np.tile(found.xx[:, :m, m:], (1, lags, 1)))
 
     def fitted(self, weights: Floats, taps: Floats, own: Floats) -> Floats:
         """Return the force of the base model with these parameters, (n,), N: see `force`."""

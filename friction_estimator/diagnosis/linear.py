@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from friction_estimator.core.sample import Bools, Floats
+from friction_estimator.core.sample import Bools
 from friction_estimator.diagnosis.base_problem import Coefficients
-from friction_estimator.diagnosis.lagged import Extra
 from friction_estimator.diagnosis.own_columns import OwnColumns, Term
+from friction_estimator.diagnosis.term_columns import Made
 
 
 class LinearFit:
@@ -23,23 +23,35 @@ class LinearFit:
     def __init__(self, base: OwnColumns, rows: Bools | None) -> None:
         self._base, self._rows = base, rows
 
-    def __call__(self, terms: Sequence[Term], columns: Sequence[Floats], start: Coefficients) -> Coefficients:
-        """Fit terms whose columns, (n, c) each, are given, from an earlier fit."""
+    def __call__(self, terms: Sequence[Term], made: Made, start: Coefficients) -> Coefficients:
+        """Fit terms whose columns are given, from an earlier fit.
+
+        What bristles carry changes with the base's static curve: each of its columns has that with it, and what they
+        carry of the curve as it was is taken off.
+        """
         problem = self._base(terms)
-        products = problem.products
-        beside = [(c, t) for c, t in zip(columns, terms, strict=True) if not self._base.changed_by(t)]
-        fixed = [c[:, 0] for c, t in beside if t.effect.fixed_gain]
-        free = [c for c, t in beside if not t.effect.fixed_gain]
-        settled = np.sum(fixed, axis=0)[:, None] if fixed else None
         starts = [start]
         if problem is not self._base.problem:
             starts.append(replace(start, taps=np.zeros(start.taps.size)))
-        if settled is None or not free:
-            joined = products.extra(free) if free else None
-            still = None if settled is None else products.extra([settled])
-            return problem.fit(joined, still, self._rows, starts)
-        whole = products.extra([*free, settled])
-        c = whole.xx.shape[1] - 1
-        joined = Extra(whole.mx[:, :, :c], whole.xx[:, :c, :c], whole.xy[:, :c] - whole.xx[:, :c, c])
-        still = Extra(whole.mx[:, :, c:], whole.xx[:, c:, c:], whole.xy[:, c:])
+        beside = [(c, t) for c, t in zip(made.columns, terms, strict=True) if not self._base.changed_by(t)]
+        free = [c for c, t in beside if not t.effect.fixed_gain]
+        fixed = [c[:, 0] for c, t in beside if t.effect.fixed_gain]
+        tied = []
+        if made.carried is not None:
+            tied = [made.carried.change]
+            fixed.append(-made.carried.force_N)
+        settled = [np.sum(fixed, axis=0)[:, None]] if fixed else []
+        if not tied and not free and not settled:
+            return problem.fit(None, None, self._rows, starts)
+        found = problem.products.extra([*tied, *free, *settled])
+        if tied:
+            problem, found = problem.tied(found)
+        width = sum(c.shape[1] for c in free)
+        if not settled:
+            return problem.fit(found, None, self._rows, starts)
+        still = found[width:]
+        if not free:
+            return problem.fit(None, still, self._rows, starts)
+        joined = found[:width]
+        joined = replace(joined, xy=joined.xy - found.xx[:, :width, width])
         return problem.fit(joined, still, self._rows, starts)

@@ -191,11 +191,6 @@ class OwnColumns:
     def _theory(self) -> Reference:
         return theory_reference(self.problem, self._context.sign_velocity_m_s)
 
-    @property
-    def untouched(self) -> Reference | None:
-        """The tables of the theory alone, which nothing in the record has bent; None without a theory."""
-        return None if self.problem.theory is None else self._theory
-
     def changed_by(self, term: Term) -> bool:
         """Return whether a term changes the base's own columns; a film does so where there is a theory."""
         return term.effect.delays or (term.effect.in_theory and self.problem.theory is not None)

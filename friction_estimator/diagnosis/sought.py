@@ -31,14 +31,6 @@ class Sought:
     def __init__(self, base: OwnColumns, columns: TermColumns, context: Context, rows: Bools | None) -> None:
         self._base, self._columns, self._context, self._rows = base, columns, context, rows
 
-    def tables(self, last: Term, reference: Reference) -> Reference:
-        """Return the tables with which the last term's parameters are sought.
-
-        The base has bent towards what bristles lack, most at low speed: the level that they carry is another one.
-        """
-        carries = last.effect.carries(last.params)
-        return (self._base.untouched or reference) if carries else reference
-
     def __call__(
         self, terms: Sequence[Term], base: Coefficients, reference: Reference, features: Features
     ) -> dict[str, float]:
@@ -95,13 +87,14 @@ class Sought:
         record = self._base.problem.record
         used = record.used if self._rows is None else record.used & self._rows[record.block]
         fit = BaseFit.of(self._base(terms), base)
-        others = self._columns(terms[:-1], reference, features)
+        made = self._columns(terms[:-1], reference, features)
+        others = made.columns
         alone = [t for t in terms[:-1] if not self._base.changed_by(t)]
         fixed = [c[:, 0] for c, t in zip(others, terms, strict=False) if t in alone and t.effect.fixed_gain]
         free = [c for c, t in zip(others, terms, strict=False) if t in alone and not t.effect.fixed_gain]
         e = (record.friction_N - fit.fitted_N - (np.sum(fixed, axis=0) if fixed else 0.0))[used]
-        z = chosen_rows(fit.tangent, free, used)
-        del others, free, fixed  # z has them
+        z = chosen_rows(fit.tangent.with_carried(made.carried), free, used)
+        del made, others, free, fixed  # z has them
         z /= np.maximum(np.sqrt(np.einsum("nq,nq->q", z, z) / len(z)), 1e-300)
         penalty = np.concatenate([fit.penalty, np.zeros(z.shape[1] - fit.penalty.size)]) + 1e-9 * len(z)
         inverse = np.linalg.inv(inner(z, z) + np.diag(penalty))

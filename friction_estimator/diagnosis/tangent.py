@@ -18,6 +18,28 @@ PIECE = 16_384
 """Samples that are worked on together: few enough for the cache, many enough that calls cost nothing beside them."""
 
 
+@dataclass(frozen=True)
+class Carried:
+    """What bristles carry, less the level that they carry in steady sliding.
+
+    Attributes
+    ----------
+    change : (n, m), its change with each coefficient of the base's static curve. force_N : (n,), as it is.
+    """
+
+    change: Floats
+    force_N: Floats
+
+    def changed(self, weights: Floats, taps: Floats) -> Floats:
+        """Return by how much the force carried beside a base differs from what it is, (n,), N.
+
+        Parameters
+        ----------
+        weights, taps : of the base, (m,) and (p,).
+        """
+        return np.asarray(self.change @ weights * (1.0 + taps.sum()) - self.force_N)
+
+
 class Rows(Protocol):
     """What gives (n, q) columns for a slice of the samples: an array, or a `Tangent`."""
 
@@ -39,6 +61,7 @@ class Tangent:
     ----------
     products : the lagged columns. weights, taps : where the derivative is taken, (m,) and (p,).
     norm : of its columns, (q_base,). beside : (n, c) each.
+    carried : (n, m) or None, how what bristles carry changes with each coefficient of the static curve.
     """
 
     products: LaggedProducts
@@ -46,6 +69,7 @@ class Tangent:
     taps: Floats
     norm: Floats
     beside: tuple[Floats, ...] = field(default_factory=tuple)
+    carried: Floats | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -56,8 +80,16 @@ class Tangent:
     def __getitem__(self, part: slice, /) -> Floats:
         """Return the columns of some samples, (n_part, q)."""
         own = self.norm.size - self.weights.size - self.taps.size
-        base = self.products.derivative(self.weights, self.taps, own, part) / self.norm
+        base = self.products.derivative(self.weights, self.taps, own, part)
+        if self.carried is not None:
+            # Taps and own lags change no static gain, and so not the level that bristles carry.
+            base[:, : self.weights.size] += (1.0 + self.taps.sum()) * self.carried[part]
+        base /= self.norm
         return np.concatenate([base, *(c[part] for c in self.beside)], axis=1) if self.beside else base
+
+    def with_carried(self, carried: Carried | None) -> "Tangent":
+        """Return the tangent with what bristles carry."""
+        return self if carried is None else replace(self, carried=carried.change)
 
     def beside_it(self, columns: Sequence[Floats]) -> "Tangent":
         """Return the tangent with further columns, (n, c) each."""

@@ -5,7 +5,7 @@ the other effects of the model. What the friction law is made of is carried by b
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Generic, TypeVar
 from weakref import WeakKeyDictionary
@@ -24,6 +24,7 @@ from friction_estimator.diagnosis.own_columns import (
     time_of,
     whole,
 )
+from friction_estimator.diagnosis.tangent import Carried
 from friction_estimator.effects.base import FILM_STATE
 from friction_estimator.effects.features import Features
 from friction_estimator.effects.on_film import OnFilm, on_film, partly
@@ -46,6 +47,19 @@ class Kept(Generic[T]):
         if kept is None or kept[0] is not reference or kept[1] != key:
             kept = self._of[features] = reference, key, make(features)
         return kept[2]
+
+
+@dataclass(frozen=True)
+class Made:
+    """What is made of the terms of a model.
+
+    Attributes
+    ----------
+    columns : (n, c) of each term. carried : by bristles among them, or None.
+    """
+
+    columns: list[Floats]
+    carried: Carried | None
 
 
 class TermColumns:
@@ -89,9 +103,14 @@ class TermColumns:
             if terms[i].weights.size and i != beside[-1]:
                 force = force + self.one(terms, i, reference, features) @ terms[i].weights
 
-    def __call__(self, terms: Sequence[Term], reference: Reference, features: Features) -> list[Floats]:
+    def __call__(self, terms: Sequence[Term], reference: Reference, features: Features) -> Made:
         """Return the columns of each term, (n, c), at the time of the whole force; none where the base is changed."""
-        return [self.one(terms, i, reference, features) for i in range(len(terms))]
+        columns = [self.one(terms, i, reference, features) for i in range(len(terms))]
+        i = next((i for i, t in enumerate(terms) if t.weights.size and t.effect.carries(t.params)), None)
+        if i is None:
+            return Made(columns, None)
+        change = self._change(terms, terms[i], reference, features)
+        return Made(columns, Carried(change, columns[i] @ terms[i].weights))
 
     def one(self, terms: Sequence[Term], i: int, reference: Reference, features: Features) -> Floats:
         """Return the columns of one term, (n, c), at the time of the whole force where it acts before that."""
@@ -104,7 +123,33 @@ class TermColumns:
             return term.columns(features.with_force(forces[term.name]), reference)
         if time is not None and not before(term.effect, time.effect):
             time = None
-        made = [self._at(term, terms, reference, moment) for moment in self._moments(time, reference, features)]
+        return self._seen(time, reference, features, lambda moment: self._at(term, terms, reference, moment))
+
+    def _change(self, terms: Sequence[Term], bristles: Term, reference: Reference, features: Features) -> Floats:
+        """Return how what bristles carry changes with each coefficient of the base's static curve, (n, m).
+
+        What they lack of the level in steady sliding is a share of it, and the level is linear in them.
+        """
+        lag, tables = film_of(terms), self._base.problem.tables
+
+        def made(moment: Features) -> Iterator[Floats]:
+            moving = reference.moving(moment.velocity_m_s)
+            share = self._share(bristles, reference, moment) / reference.smooth_sign(moving)
+            if lag is not None:
+                share *= self._level_on_film(lag, moment, reference)
+            return (share[p, None] * tables.at(moving[p], moment.pressure_Pa[p]) for p in parts(moment.size))
+
+        return self._seen(time_of(terms), reference, features, made)
+
+    def _seen(
+        self,
+        time: Term | None,
+        reference: Reference,
+        features: Features,
+        make: Callable[[Features], Iterator[Floats]],
+    ) -> Floats:
+        """Return columns at the time of the whole force, (n, c), of what makes them at a moment, part after part."""
+        made = [make(moment) for moment in self._moments(time, reference, features)]
         if time is None:
             return whole(made[-1], features.size)
         smooth = time.effect.smoother(time.params)
@@ -145,12 +190,17 @@ class TermColumns:
             return made
 
         def lacking(features: Features) -> Floats:
-            level = reference.level(features.velocity_m_s, features.pressure_Pa)
-            return whole(self._made(bristles, features, reference), features.size) @ bristles.weights / level
+            return self._share(bristles, reference, features)
 
         forward, sign = self._forward(features, reference, None, partial(_sliding, reference=reference))
         share = self._lacking(features, reference, bristles, lacking) / sign
         return _carried(made, share, self._made(term, forward, reference))
+
+    def _share(self, bristles: Term, reference: Reference, features: Features) -> Floats:
+        """Return what bristles lack over the level that they carry, (n,); nothing where there is no level."""
+        lacking = whole(self._made(bristles, features, reference), features.size) @ bristles.weights
+        level = reference.level(features.velocity_m_s, features.pressure_Pa)
+        return np.divide(lacking, level, out=np.zeros(level.size), where=level != 0.0)
 
     def _level_on_film(self, lag: Term, features: Features, reference: Reference) -> Floats:
         """Return the level that bristles carry on a film that lags over that at the velocity, (n,)."""
