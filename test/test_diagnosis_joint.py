@@ -93,7 +93,7 @@ def test_what_was_let_go_is_made_again_to_the_bit(terms) -> None:
 
 @pytest.mark.parametrize(
     ("beside", "share"),
-    [([], 2e-3), (BEHIND_A_FILTER[2:3], 2e-3), ([FILM], 0.1)],
+    [([], 2e-3), (BEHIND_A_FILTER[2:3], 2e-3), ([FILM], 2e-2)],
     ids=["nothing", "filter", "film"],
 )
 def test_the_tangent_has_in_it_what_bristles_carry_of_the_curve(beside, share) -> None:

@@ -20,7 +20,7 @@ from friction_estimator.diagnosis.base import theory_reference
 from friction_estimator.diagnosis.base_problem import BaseProblem, Coefficients
 from friction_estimator.diagnosis.lagged import force
 from friction_estimator.diagnosis.library import columns_of
-from friction_estimator.effects.base import Effect
+from friction_estimator.effects.base import FILM_STATE, Effect
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.moments import WITHIN, share_ago
 from friction_estimator.effects.on_film import on_film
@@ -246,6 +246,34 @@ class OwnColumns:
     def _within(self) -> list[Features]:
         record, config = self.problem.record, self.problem.config
         return [record.features_at(config, partial(_within, record.features, share)) for share in WITHIN]
+
+    def levels(self, film: Term | None, features: Features, reference: Reference) -> Iterator[Floats]:
+        """Yield the levels F / S behind the base's own columns, on a film that lags where there is one, (n_part, m).
+
+        A share of the splines follows the film, and all of the theory. Without a theory each follows it as the force of
+        the reference does.
+        """
+
+        def at(part: slice, speed_m_s: Floats) -> Floats:
+            level = self.problem.tables.at(speed_m_s[part], features.pressure_Pa[part])
+            level /= reference.smooth_sign(speed_m_s[part])[:, None]
+            return level
+
+        moving = reference.moving(features.velocity_m_s)
+        if film is None:
+            yield from (at(part, moving) for part in parts(features.size))
+            return
+        changed = self.changed_by(film)
+        wholly, of = (slice(1), self._theory) if changed else (slice(None), reference)
+        factor = film.effect.level_on_film(film.params, features, of, np.zeros(FILM_STATE))
+        splines = film.effect.film(film.params, features, of, np.zeros(FILM_STATE)) if changed else None
+        for part in parts(features.size):
+            level = at(part, moving)
+            follows = level[:, wholly] * factor[part, None]
+            if splines is not None:
+                level += splines.share * (at(part, splines.speed_m_s) - level)
+            level[:, wholly] = follows
+            yield level
 
     def _static(self, inside: Sequence[Term]) -> Floats:
         problem, time = self.problem, time_of(inside)

@@ -130,14 +130,11 @@ class TermColumns:
 
         What they lack of the level in steady sliding is a share of it, and the level is linear in them.
         """
-        lag, tables = film_of(terms), self._base.problem.tables
+        lag = film_of(terms)
 
         def made(moment: Features) -> Iterator[Floats]:
-            moving = reference.moving(moment.velocity_m_s)
-            share = self._share(bristles, reference, moment) / reference.smooth_sign(moving)
-            if lag is not None:
-                share *= self._level_on_film(lag, moment, reference)
-            return (share[p, None] * tables.at(moving[p], moment.pressure_Pa[p]) for p in parts(moment.size))
+            share, levels = self._share(bristles, reference, moment), self._base.levels(lag, moment, reference)
+            return (share[p, None] * level for p, level in zip(parts(moment.size), levels, strict=True))
 
         return self._seen(time_of(terms), reference, features, made)
 
