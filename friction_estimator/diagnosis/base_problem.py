@@ -13,7 +13,7 @@ are halved until they descend, from several starts; everything happens in the pr
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -179,6 +179,14 @@ class BaseProblem:
         warm = float(f.temperature_degC.mean())
         nodes = pressure_nodes(f.pressure_Pa)
         return StaticTables.of(lambda v, p: self.columns(v, p, np.full(v.size, warm)), self.axis, nodes)
+
+    def theory_alone(self, beside: Coefficients) -> Coefficients:
+        """Return the coefficients of the theory as it is, in place of others; these where there is no theory."""
+        if self.theory is None:
+            return beside
+        weights = np.zeros(beside.weights.size)
+        weights[0] = 1.0
+        return replace(beside, weights=weights, taps=np.zeros(beside.taps.size), own=np.zeros(beside.own.size))
 
     def mean_delay(self, found: Coefficients) -> float:
         """Return the mean delay of the memory behind the static force, in samples: its phase at low frequency."""

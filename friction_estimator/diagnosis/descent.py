@@ -67,8 +67,7 @@ class Descent:
     def elsewhere(self, terms: Sequence[Term], start: Coefficients) -> bool:
         """Return whether a search ends elsewhere; see `JointFit.elsewhere`."""
         term = terms[-1]
-        reference, features = self._evaluation.tables((start, tuple(terms)))
-        found = self._sought(terms, start, reference, features)
+        found = self._sought(terms, start, *self._evaluation.tables(self._begun(terms, start)))
         for name in term.refined:
             here, there = term.params[name], found[name]
             low, high = term.effect.bracket(name, here, self._context)
@@ -101,7 +100,7 @@ class Descent:
     def _fit(self, terms: Sequence[Term], start: Joint, rounds: int, search: bool) -> Solution:
         """Fit terms from where they are, or from where a search has put the last one."""
         terms, base = list(terms), start.coefficients
-        source = base, tuple(terms)
+        source = self._begun(terms, base) if search else (base, tuple(terms))
         reference, features = self._evaluation.tables(source)
         if search:
             terms[-1] = replace(terms[-1], params=self._sought(terms, base, reference, features))
@@ -113,7 +112,7 @@ class Descent:
         best, since, in_vain = None, 0, 0
         for _ in range(rounds):
             before = last
-            last = self._stepped((before.coefficients, before.terms), anchors, stay=in_vain >= IN_VAIN)
+            last = self._stepped((before.coefficients, self._on_level(before)), anchors, stay=in_vain >= IN_VAIN)
             stayed = all(new.params == old.params for new, old in zip(last.terms, before.terms, strict=True))
             in_vain = in_vain + 1 if stayed else 0
             cost, was = last.coefficients.cost, before.coefficients.cost
@@ -124,6 +123,26 @@ class Descent:
         if best is not None and last.coefficients.cost > RUN_AWAY * best.coefficients.cost:
             return best
         return last
+
+    def _begun(self, terms: Sequence[Term], base: Coefficients) -> Source:
+        """Return what the tables are made from with which the last term is sought.
+
+        The base has bent towards what bristles lack, most at low speed: the level that they carry is another one, that
+        of the theory alone.
+        """
+        carries = terms[-1].effect.carries(terms[-1].params)
+        return (self._problem.theory_alone(base) if carries else base), tuple(terms)
+
+    def _on_level(self, found: Solution) -> tuple[Term, ...]:
+        """Return the terms with coefficients that make of the model's own tables what they made of its source's.
+
+        Those of bristles are forces at the level at rest.
+        """
+        if not any(t.effect.carries(t.params) for t in found.terms):
+            return found.terms
+        now, then = (self._base.level_at_rest_N(one) for one in (found.coefficients, found.source[0]))
+        ratio = now / then if then > 0.0 and now > 0.0 else 1.0
+        return tuple(replace(t, weights=ratio * t.weights) if t.effect.carries(t.params) else t for t in found.terms)
 
     def _stepped(self, source: Source, anchors: Anchors, stay: bool) -> Solution:
         """Return a model after one Gauss-Newton step of all refined parameters that descends.

@@ -24,7 +24,7 @@ from friction_estimator.effects.base import FILM_STATE, Effect
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.moments import WITHIN, share_ago
 from friction_estimator.effects.on_film import on_film
-from friction_estimator.effects.reference import Reference
+from friction_estimator.effects.reference import LOWEST, Reference
 from friction_estimator.effects.trace import STAGES
 
 MOST_KEPT = 32 << 20
@@ -246,6 +246,13 @@ class OwnColumns:
     def _within(self) -> list[Features]:
         record, config = self.problem.record, self.problem.config
         return [record.features_at(config, partial(_within, record.features, share)) for share in WITHIN]
+
+    def level_at_rest_N(self, found: Coefficients) -> float:
+        """Return the level F / S of the base's static curve at rest and medium pressure, N."""
+        problem, sign_velocity = self.problem, self._context.sign_velocity_m_s
+        slow = LOWEST * sign_velocity
+        columns = problem.tables.at(np.array([slow]), np.array([float(np.mean(problem.tables.pressures_Pa))]))
+        return float(columns[0] @ found.weights) * (1.0 + float(found.taps.sum())) / float(np.tanh(LOWEST))
 
     def levels(self, film: Term | None, features: Features, reference: Reference) -> Iterator[Floats]:
         """Yield the levels F / S behind the base's own columns, on a film that lags where there is one, (n_part, m).
