@@ -37,6 +37,10 @@ SHORT = 0.1
 """Samples from which another form of a long time is begun, too."""
 
 
+def _cost(one: Candidate) -> float:
+    return one.model.joint.coefficients.cost
+
+
 class Candidates:
     """Fits effects beside models of one base problem, and remembers what it has fitted."""
 
@@ -93,7 +97,20 @@ class Candidates:
             # A form of which nothing can be told is refused: the cause with it, although a plainer one tells it.
             if better and (self.known_sign(other) or not self.known_sign(best)):
                 best = other
-        return best
+        return self._in_best_well(model, best)
+
+    def _in_best_well(self, model: Model, best: Candidate) -> Candidate:
+        """Return the candidate in the best of its minima that lead to each other.
+
+        All have the same parameters: their costs are compared. What is held out is worked out on a line through each
+        fit, which between two wells promises more than there is.
+        """
+        while True:
+            fits = [self(model, best.name, place, search=False) for place in best.effect.wells(best.term.params)]
+            other = min((fit for fit in fits if fit is not None), key=_cost, default=best)
+            if not _cost(other) < _cost(best):
+                return best
+            best = other
 
     def _shorter(self, best: Candidate, form: Mapping[str, float]) -> list[dict[str, float]]:
         """Return a form of a time of more than a sample as a short one, or nothing.
@@ -282,7 +299,8 @@ class Candidates:
         loss = float(model.loss.sum())
         best: tuple[float, int, Model] | None = None
         for i, term in enumerate(model.joint.terms):
-            for form in () if term.effect.delays else term.effect.variants(term.params):
+            forms = [*term.effect.variants(term.params), *term.effect.wells(term.params)]
+            for form in () if term.effect.delays else forms:
                 if form == term.params:
                     continue
                 terms = [*model.joint.terms]

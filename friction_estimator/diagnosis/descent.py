@@ -67,7 +67,7 @@ class Descent:
     def elsewhere(self, terms: Sequence[Term], start: Coefficients) -> bool:
         """Return whether a search ends elsewhere; see `JointFit.elsewhere`."""
         term = terms[-1]
-        found = self._sought(terms, start, *self._evaluation.tables(self._begun(terms, start)))
+        found = self._sought(terms, start, *self._evaluation.tables(self._begun(terms, start, search=True)))
         for name in term.refined:
             here, there = term.params[name], found[name]
             low, high = term.effect.bracket(name, here, self._context)
@@ -100,7 +100,7 @@ class Descent:
     def _fit(self, terms: Sequence[Term], start: Joint, rounds: int, search: bool) -> Solution:
         """Fit terms from where they are, or from where a search has put the last one."""
         terms, base = list(terms), start.coefficients
-        source = self._begun(terms, base) if search else (base, tuple(terms))
+        source = self._begun(terms, base, search)
         reference, features = self._evaluation.tables(source)
         if search:
             terms[-1] = replace(terms[-1], params=self._sought(terms, base, reference, features))
@@ -124,13 +124,14 @@ class Descent:
             return best
         return last
 
-    def _begun(self, terms: Sequence[Term], base: Coefficients) -> Source:
-        """Return what the tables are made from with which the last term is sought.
+    def _begun(self, terms: Sequence[Term], base: Coefficients, search: bool) -> Source:
+        """Return what the first tables are made from: base and terms, or the theory alone where bristles are new.
 
-        The base has bent towards what bristles lack, most at low speed: the level that they carry is another one, that
-        of the theory alone.
+        The base has bent towards what they lack, most at low speed: the level that they carry is another one.
         """
-        carries = terms[-1].effect.carries(terms[-1].params)
+        sought = terms[-1] if search else None
+        new = [t for t in terms if t is sought or not t.weights.size]
+        carries = any(t.effect.carries(t.params) for t in new)
         return (self._problem.theory_alone(base) if carries else base), tuple(terms)
 
     def _on_level(self, found: Solution) -> tuple[Term, ...]:

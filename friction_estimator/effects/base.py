@@ -246,6 +246,11 @@ class Effect:
         return []
 
     @classmethod
+    def wells(cls, params: Params) -> list[dict[str, float]]:  # noqa: ARG003
+        """Return places beside this one at which the same form has a minimum of its own (default none)."""
+        return []
+
+    @classmethod
     def columns(cls, params: Params) -> Columns:
         """Return the causal machine that makes the columns for one parameter set."""
         raise NotImplementedError

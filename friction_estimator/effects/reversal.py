@@ -223,7 +223,16 @@ class Presliding(Effect):
         One exponential is nearest to the short ones, or, where the first samples after a reversal show little of these,
         to the longest.
         """
+        if cls.carries(params):
+            return []
         return [dict(params) | {"spread": 1.0, "length": factor * params["length"]} for factor in (0.125, 1.0, 8.0)]
+
+    @classmethod
+    def wells(cls, params: Params) -> list[dict[str, float]]:
+        """Lengths an octave away: those of several bristles are octaves apart, and fit nearly as well one further on."""
+        if not cls.carries(params):
+            return []
+        return [dict(params) | {"length": factor * params["length"]} for factor in (0.5, 2.0)]
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
