@@ -229,7 +229,7 @@ class Presliding(Effect):
 
     @classmethod
     def wells(cls, params: Params) -> list[dict[str, float]]:
-        """Lengths an octave away: those of several bristles are octaves apart, and fit nearly as well one further on."""
+        """Lengths an octave away: those of several bristles are octaves apart and fit nearly as well one further."""
         if not cls.carries(params):
             return []
         return [dict(params) | {"length": factor * params["length"]} for factor in (0.5, 2.0)]
