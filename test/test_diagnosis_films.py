@@ -197,3 +197,12 @@ def test_a_velocity_behind_a_filter_is_found_beside_a_lag_where_a_delay_of_many_
     assert names(result) == ["frictional_lag", "velocity_delay"]
     assert result.effects[1].parameters["delay"].value == pytest.approx(0.0004, abs=1e-4)
     assert result.unexplained_percent < 2.0
+
+
+@pytest.mark.parametrize("gap", [8e-7, 1.5e-6])
+def test_a_gap_that_only_the_slow_drive_shows_is_one_beside_a_lagging_film(gap: float) -> None:
+    """The fast drive is beyond it at the first sample; bristles of 0.6 um were told."""
+    data = record([f"backlash:gap={gap}"], plant="film_lag", segments=LONG_ABBA, noise=0.02, seed=7)
+    result = diagnose([data], Config())
+    assert names(result) == ["frictional_lag", "backlash"]
+    assert result.effects[1].parameters["gap"].low <= gap <= result.effects[1].parameters["gap"].high

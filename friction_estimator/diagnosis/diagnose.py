@@ -248,6 +248,8 @@ def _detection_limits(found: Search) -> dict[str, float]:
     out = {}
     for item in found.screened:
         moments = item.hypothesis.moments
+        if not moments.xx.any():
+            continue  # the record shows nothing of it, whatever its size
         inner, _ = evidence.projected(moments)
         shown = float(np.trace(inner)) / max(float(np.trace(moments.xx.sum(0))), 1e-300)
         need = max(found.gates[item.name], 1e-300)

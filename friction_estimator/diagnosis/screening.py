@@ -127,8 +127,15 @@ def screen(evidence: Evidence, library: Library) -> list[Screened]:
 
 
 def _best(evidence: Evidence, families: Sequence[Family], rows: Bools | None) -> Hypothesis:
-    """Return the hypothesis that gains most on the chosen blocks (default all)."""
-    gains = [evidence.gains(family.stack, family.rule, rows) for family in families]
+    """Return the hypothesis that gains most on the chosen blocks (default all), of those that do anything at all.
+
+    A gap that is closed before the first sample does nothing, which gains more than any gap that is not there.
+    """
+    gains = []
+    for family in families:
+        gain = evidence.gains(family.stack, family.rule, rows)
+        nothing = np.einsum("bhcc->h", family.stack.xx) == 0.0
+        gains.append(np.where(nothing, -np.inf, gain))
     first = int(np.argmax([g.max() for g in gains]))
     return families[first][int(np.argmax(gains[first]))]
 

@@ -66,21 +66,26 @@ def beyond_time(what: str, value_s: float, context: Context) -> str | None:
     return None
 
 
-def first_distance_m(context: Context) -> float:
-    """Return the distance between a reversal and the sample after it, m.
+def first_distance_m(context: Context, speed_m_s: float | None = None) -> float:
+    """Return the distance between a reversal and the sample after it, m, in a drive of this top speed (the record's).
 
     A sine of this stroke and top speed has the acceleration 2 v^2 / stroke at its ends, and half of that times the
     squared sample period is (v dt)^2 / stroke.
     """
-    return float(np.square(context.top_speed_m_s * context.step_s) / max(context.stroke_m, 1e-300))
+    speed = context.top_speed_m_s if speed_m_s is None else speed_m_s
+    return float(np.square(speed * context.step_s) / max(context.stroke_m, 1e-300))
 
 
 def lengths(context: Context, ratio: float = 2.0) -> Floats:
-    """Return distances after a reversal, m; empty where the shaft does not move."""
+    """Return distances after a reversal, m; empty where the shaft does not move.
+
+    The shortest is one that the slowest drive shows: a sine of the longest period has the top speed pi stroke / period.
+    """
     if context.stroke_m <= 0.0:
         return np.zeros(0)
     high = LONGEST_LENGTH * context.stroke_m
-    low = max(FINEST_LENGTH * first_distance_m(context), SMALLEST_LENGTH * context.stroke_m)
+    slowest = min([context.top_speed_m_s, *(np.pi * context.stroke_m / period for period in context.periods_s)])
+    low = max(FINEST_LENGTH * first_distance_m(context, slowest), SMALLEST_LENGTH * context.stroke_m)
     return geometric(min(low, high / 2.0**FEWEST_POINTS), high, ratio)
 
 
