@@ -41,17 +41,13 @@ class LinearFit:
             tied = [made.carried.change]
             fixed.append(-made.carried.force_N)
         settled = [np.sum(fixed, axis=0)[:, None]] if fixed else []
-        if not tied and not free and not settled:
-            return problem.fit(None, None, self._rows, starts)
-        found = problem.products.extra([*tied, *free, *settled])
-        if tied:
-            problem, found = problem.tied(found)
-        width = sum(c.shape[1] for c in free)
-        if not settled:
-            return problem.fit(found, None, self._rows, starts)
-        still = found[width:]
-        if not free:
-            return problem.fit(None, still, self._rows, starts)
-        joined = found[:width]
-        joined = replace(joined, xy=joined.xy - found.xx[:, :width, width])
+        columns, joined, still = [*tied, *free, *settled], None, None
+        if columns:
+            found = problem.products.extra(columns)
+            if tied:
+                problem, found = problem.tied(found)
+            width = sum(c.shape[1] for c in free)
+            joined, still = found[:width] if free else None, found[width:] if settled else None
+            if joined is not None and still is not None:
+                joined = replace(joined, xy=joined.xy - found.xx[:, :width, width])
         return problem.fit(joined, still, self._rows, starts)

@@ -249,10 +249,9 @@ class OwnColumns:
 
     def level_at_rest_N(self, found: Coefficients) -> float:
         """Return the level F / S of the base's static curve at rest and medium pressure, N."""
-        problem, sign_velocity = self.problem, self._context.sign_velocity_m_s
-        slow = LOWEST * sign_velocity
-        columns = problem.tables.at(np.array([slow]), np.array([float(np.mean(problem.tables.pressures_Pa))]))
-        return float(columns[0] @ found.weights) * (1.0 + float(found.taps.sum())) / float(np.tanh(LOWEST))
+        tables, slow = self.problem.tables, np.array([LOWEST * self._context.sign_velocity_m_s])
+        force = float(tables.at(slow, tables.pressures_Pa.mean(keepdims=True))[0] @ found.weights)
+        return force * (1.0 + float(found.taps.sum())) / float(np.tanh(LOWEST))
 
     def levels(self, film: Term | None, features: Features, reference: Reference) -> Iterator[Floats]:
         """Yield the levels F / S behind the base's own columns, on a film that lags where there is one, (n_part, m).
