@@ -359,6 +359,13 @@ def test_what_comes_after_bristles_is_found_although_their_fit_does_not_settle()
     assert result.unexplained_percent < 8.0
 
 
+def test_a_well_in_which_bristles_push_is_none() -> None:
+    """Forces of either sign that nearly cancel fit best, and with them refused a film's lag was told, 67 % left."""
+    segments = (segment(2.0, 60.0, 20.0, "triangle"), segment(7.0, 200.0, 28.0, "triangle"))
+    data = record(["squeeze_film:size=0.04"], plant="maxwell_slip", segments=segments, seed=912)
+    assert names(diagnose([data], Config()))[0] == "presliding"
+
+
 def test_bristles_whose_fit_does_not_settle_leave_no_filter() -> None:
     """Rounds from other tables end lower than the model begun from its own: a filter of 1.3 ms was told."""
     parts = ((2.0, 60.0, 20.0, "crank"), (5.0, 60.0, 25.0, "multisine"), (5.0, 230.0, 25.0, "multisine"))

@@ -103,14 +103,15 @@ class Candidates:
         """Return the candidate in the best of its minima that lead to each other.
 
         All have the same parameters: their costs are compared. What is held out is worked out on a line through each
-        fit, which between two wells promises more than there is.
+        fit, which between two wells promises more than there is. Where the fit has run away, forces of either sign that
+        nearly cancel fit as well: no well of which nothing can be told is taken.
         """
         while True:
             fits = [self(model, best.name, place, search=False) for place in best.effect.wells(best.term.params)]
-            other = min((fit for fit in fits if fit is not None), key=_cost, default=best)
-            if not _cost(other) < _cost(best):
+            better = [fit for fit in fits if fit is not None and _cost(fit) < _cost(best) and self.known_sign(fit)]
+            if not better:
                 return best
-            best = other
+            best = min(better, key=_cost)
 
     def _shorter(self, best: Candidate, form: Mapping[str, float]) -> list[dict[str, float]]:
         """Return a form of a time of more than a sample as a short one, or nothing.
