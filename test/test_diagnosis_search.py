@@ -343,16 +343,16 @@ def test_a_small_delay_that_no_form_of_a_trait_makes_is_named() -> None:
     assert result.effects[1].parameters["delay"].value == pytest.approx(0.00015, abs=5e-5)
 
 
-def test_bristles_that_run_away_beside_a_cause_are_begun_anew() -> None:
-    """A time that is not there was named instead of the step, and 70 % were left."""
+def test_a_step_beside_bristles_is_found_under_multisines() -> None:
+    """Their fit ran away, a time that is not there was named instead of the step, and 70 % were left."""
     result = diagnose([record(["bias_step:size=0.04,at=36"], plant="maxwell_slip", segments=MULTISINES)], Config())
     assert names(result) == ["presliding", "bias_step"]
     assert result.effects[1].parameters["at"].value == pytest.approx(36.0, abs=0.1)
     assert result.unexplained_percent < 3.0
 
 
-def test_what_comes_after_bristles_is_found_although_their_fit_does_not_settle() -> None:
-    """Every cause beside them began at three times their cost and was given up: a fifth was told as left."""
+def test_a_step_half_way_beside_bristles_is_found_under_multisines() -> None:
+    """Their fit ran away, every cause beside them began at three times its cost: a fifth was told as left."""
     result = diagnose([record(["bias_step:size=0.04,at=30"], plant="maxwell_slip", segments=MULTISINES)], Config())
     assert names(result) == ["presliding", "bias_step"]
     assert result.effects[1].parameters["at"].value == pytest.approx(30.0, abs=0.1)
@@ -366,8 +366,8 @@ def test_a_well_in_which_bristles_push_is_none() -> None:
     assert names(diagnose([data], Config()))[0] == "presliding"
 
 
-def test_bristles_whose_fit_does_not_settle_leave_no_filter() -> None:
-    """Rounds from other tables end lower than the model begun from its own: a filter of 1.3 ms was told."""
+def test_bristles_an_octave_too_long_leave_no_time() -> None:
+    """From there no step leads to the true length; a filter of 1.3 ms was told, or a late velocity."""
     parts = ((2.0, 60.0, 20.0, "crank"), (5.0, 60.0, 25.0, "multisine"), (5.0, 230.0, 25.0, "multisine"))
     segments = tuple(segment(*part) for part in (*parts, (2.0, 230.0, 20.0, "crank")))
     samples = simulate(Scenario(segments, "maxwell_slip", 150.0, 0.003, 33)).samples
