@@ -300,8 +300,9 @@ class Candidates:
         loss = float(model.loss.sum())
         best: tuple[float, int, Model] | None = None
         for i, term in enumerate(model.joint.terms):
-            forms = [*term.effect.variants(term.params), *term.effect.wells(term.params)]
-            for form in () if term.effect.delays else forms:
+            if term.effect.delays:
+                continue
+            for form in (*term.effect.variants(term.params), *term.effect.wells(term.params)):
                 if form == term.params:
                     continue
                 terms = [*model.joint.terms]

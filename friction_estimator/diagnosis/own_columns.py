@@ -86,6 +86,11 @@ def film_of(terms: Sequence[Term]) -> Term | None:
     return next((t for t in terms if t.effect.in_theory), None)
 
 
+def bristles_of(terms: Sequence[Term]) -> Term | None:
+    """Return the bristles that carry the level among some terms, once their forces are fitted."""
+    return next((t for t in terms if t.weights.size and t.effect.carries(t.params)), None)
+
+
 def weighted(terms: Sequence[Term], columns: Sequence[Floats], weights: Floats) -> list[Term]:
     """Hand the fitted coefficients out to the terms; those of fixed gain have coefficient one."""
     place, out = 0, []
@@ -248,7 +253,7 @@ class OwnColumns:
         return [record.features_at(config, partial(_within, record.features, share)) for share in WITHIN]
 
     def level_at_rest_N(self, found: Coefficients) -> float:
-        """Return the level F / S of the base's static curve at rest and medium pressure, N."""
+        """Return `Reference.at_rest_N` of the base's static curve, without its tables."""
         tables, slow = self.problem.tables, np.array([LOWEST * self._context.sign_velocity_m_s])
         force = float(tables.at(slow, tables.pressures_Pa.mean(keepdims=True))[0] @ found.weights)
         return force * (1.0 + float(found.taps.sum())) / float(np.tanh(LOWEST))

@@ -20,6 +20,7 @@ from friction_estimator.diagnosis.own_columns import (
     OwnColumns,
     Term,
     before,
+    bristles_of,
     film_of,
     time_of,
     whole,
@@ -106,11 +107,11 @@ class TermColumns:
     def __call__(self, terms: Sequence[Term], reference: Reference, features: Features) -> Made:
         """Return the columns of each term, (n, c), at the time of the whole force; none where the base is changed."""
         columns = [self.one(terms, i, reference, features) for i in range(len(terms))]
-        i = next((i for i, t in enumerate(terms) if t.weights.size and t.effect.carries(t.params)), None)
-        if i is None:
+        bristles = bristles_of(terms)
+        if bristles is None:
             return Made(columns, None)
-        change = self._change(terms, terms[i], reference, features)
-        return Made(columns, Carried(change, columns[i] @ terms[i].weights))
+        change = self._change(terms, bristles, reference, features)
+        return Made(columns, Carried(change, columns[terms.index(bristles)] @ bristles.weights))
 
     def one(self, terms: Sequence[Term], i: int, reference: Reference, features: Features) -> Floats:
         """Return the columns of one term, (n, c), at the time of the whole force where it acts before that."""
@@ -182,22 +183,23 @@ class TermColumns:
 
         What they lack, as a share of the level that they carry, the term lacks of its own level.
         """
-        bristles = next((t for t in terms if t.weights.size and t.effect.carries(t.params)), None)
+        bristles = bristles_of(terms)
         if bristles is None:
             return made
 
-        def lacking(features: Features) -> Floats:
-            return self._share(bristles, reference, features)
-
         forward, sign = self._forward(features, reference, None, partial(_sliding, reference=reference))
-        share = self._lacking(features, reference, bristles, lacking) / sign
+        share = self._share(bristles, reference, features) / sign
         return _carried(made, share, self._made(term, forward, reference))
 
     def _share(self, bristles: Term, reference: Reference, features: Features) -> Floats:
         """Return what bristles lack over the level that they carry, (n,); nothing where there is no level."""
-        lacking = whole(self._made(bristles, features, reference), features.size) @ bristles.weights
-        level = reference.level(features.velocity_m_s, features.pressure_Pa)
-        return np.divide(lacking, level, out=np.zeros(level.size), where=level != 0.0)
+
+        def made(features: Features) -> Floats:
+            lacking = whole(self._made(bristles, features, reference), features.size) @ bristles.weights
+            level = reference.level(features.velocity_m_s, features.pressure_Pa)
+            return np.divide(lacking, level, out=np.zeros(level.size), where=level != 0.0)
+
+        return self._lacking(features, reference, bristles, made)
 
     def _level_on_film(self, lag: Term, features: Features, reference: Reference) -> Floats:
         """Return the level that bristles carry on a film that lags over that at the velocity, (n,)."""

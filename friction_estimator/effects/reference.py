@@ -176,6 +176,11 @@ class Reference:
         return abs(float(self.force(np.array([self.top_m_s]), middle)[0])) or 1.0
 
     @property
+    def at_rest_N(self) -> float:
+        """Level of friction in steady sliding at low speed and medium pressure, N."""
+        return float(self.level(np.zeros(1), np.array([float(np.mean(self.pressures_Pa))]))[0])
+
+    @property
     def top_m_s(self) -> float:
         """Largest velocity of the table."""
         return self.axis.top_m_s

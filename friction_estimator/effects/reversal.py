@@ -40,8 +40,7 @@ DWELL_POWERS = (0.25, 0.5)
 
 def relative_level(features: Features, reference: Reference) -> Floats:
     """Return the level that bristles carry in steady sliding, (n,), over that at low speed and medium pressure."""
-    middle = np.array([float(np.mean(reference.pressures_Pa))])
-    usual = float(reference.level(np.zeros(1), middle)[0])
+    usual = reference.at_rest_N
     return reference.level(features.velocity_m_s, features.pressure_Pa) / (usual if abs(usual) > 0.0 else 1.0)
 
 
