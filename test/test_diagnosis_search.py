@@ -366,6 +366,23 @@ def test_a_well_in_which_bristles_push_is_none() -> None:
     assert names(diagnose([data], Config()))[0] == "presliding"
 
 
+@pytest.mark.parametrize(
+    ("plant", "drive"),
+    [
+        # Screening does not see these bristles: the base has bent towards them, two causes and a filter were told.
+        ("maxwell_slip", ((8.0, 60.0, 32.0, "speed_steps"), (8.0, 200.0, 32.0, "speed_steps"))),
+        ("maxwell_slip", ((5.0, 60.0, 25.0, "sine"), (20.0, 200.0, 40.0, "sine"), (5.0, 200.0, 25.0, "sine"))),
+        ("film_lag", ((8.0, 60.0, 32.0, "speed_steps"), (8.0, 200.0, 32.0, "speed_steps"))),
+    ],
+)
+def test_a_slow_drive_has_the_traits_of_the_rig_alone(plant, drive) -> None:
+    """Slower than 20 times the width of the theory's sign: a narrower one behind its share left up to a third."""
+    samples = simulate(Scenario(tuple(segment(*part) for part in drive), plant, 200.0, 0.01, 904)).samples
+    result = diagnose([samples], Config())
+    assert names(result) == list(PLANTS[plant].traits)
+    assert result.unexplained_percent < 2.0
+
+
 def test_bristles_an_octave_too_long_leave_no_time() -> None:
     """From there no step leads to the true length; a filter of 1.3 ms was told, or a late velocity."""
     parts = ((2.0, 60.0, 20.0, "crank"), (5.0, 60.0, 25.0, "multisine"), (5.0, 230.0, 25.0, "multisine"))

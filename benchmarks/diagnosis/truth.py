@@ -209,7 +209,8 @@ def _reference(made: Made, features: Features, gain: float, context: Context, pl
         return _static(made, velocity, pressure, temperature)
 
     axis = VelocityAxis(context.top_speed_m_s)
-    return Reference.tabulate(static, viscous, boundary, theory, axis, nodes, context.sign_velocity_m_s, taps)
+    signs = context.sign_velocity_m_s, made.config.seal.sign_velocity
+    return Reference.tabulate(static, viscous, boundary, theory, axis, nodes, signs[0], taps, signs[1])
 
 
 def _static(made: Made, velocity, pressure, temperature: float):

@@ -156,4 +156,5 @@ def _tabulated(
     viscous, boundary, whole = theory_parts(theory, gain, warm)
     # A film is sought in all of the force where the theory does not say what of it is a film's.
     parts = (viscous, boundary, None if boundary is None else whole)
-    return Reference.tabulate(lambda v, p: force(v, p, warm), *parts, axis, nodes, sign_velocity_m_s, taps)
+    sign = None if theory is None else theory.sign_velocity_m_s
+    return Reference.tabulate(lambda v, p: force(v, p, warm), *parts, axis, nodes, sign_velocity_m_s, taps, sign)

@@ -110,7 +110,8 @@ class Comparison:
         known = {s.name for s in top}
         top += [s for s in passing if s.hypothesis.effect.delays and s.name not in known]
         fitted = [self._fits(model, s.name, s.params) for s in top]
-        return {c.name: c for c in fitted if c is not None}
+        found = {c.name: c for c in fitted if c is not None}
+        return self._views.unscreened(model, {*out, *found}) | found
 
     def _measured(
         self, model: Model, best: Candidate, others: Sequence[Candidate], causes: Sequence[Cause]

@@ -255,8 +255,16 @@ class OwnColumns:
     def level_at_rest_N(self, found: Coefficients) -> float:
         """Return `Reference.at_rest_N` of the base's static curve, without its tables."""
         tables, slow = self.problem.tables, np.array([LOWEST * self._context.sign_velocity_m_s])
-        force = float(tables.at(slow, tables.pressures_Pa.mean(keepdims=True))[0] @ found.weights)
-        return force * (1.0 + float(found.taps.sum())) / float(np.tanh(LOWEST))
+        level = tables.at(slow, tables.pressures_Pa.mean(keepdims=True)) / self._signs(slow)
+        return float(level[0] @ found.weights) * (1.0 + float(found.taps.sum()))
+
+    def _signs(self, speed_m_s: Floats) -> Floats:
+        """Return the smooth sign behind which each of the base's own columns stands, (n, m)."""
+        widths = np.full(self.problem.products.width, self._context.sign_velocity_m_s)
+        theory = self.problem.theory
+        if theory is not None and theory.sign_velocity_m_s is not None:
+            widths[0] = theory.sign_velocity_m_s
+        return np.asarray(np.tanh(speed_m_s[:, None] / widths))
 
     def levels(self, film: Term | None, features: Features, reference: Reference) -> Iterator[Floats]:
         """Yield the levels F / S behind the base's own columns, on a film that lags where there is one, (n_part, m).
@@ -267,7 +275,7 @@ class OwnColumns:
 
         def at(part: slice, speed_m_s: Floats) -> Floats:
             level = self.problem.tables.at(speed_m_s[part], features.pressure_Pa[part])
-            level /= reference.smooth_sign(speed_m_s[part])[:, None]
+            level /= self._signs(speed_m_s[part])
             return level
 
         moving = reference.moving(features.velocity_m_s)

@@ -217,9 +217,9 @@ class TermColumns:
 
 
 def _sliding(features: Features, reference: Reference) -> tuple[Features, Floats]:
-    """Return the features of a forward motion at the same speeds, and its smooth sign."""
+    """Return the features of a forward motion at the same speeds, and what the curve is there of its level."""
     forward = sliding(features, reference)
-    return forward, reference.smooth_sign(forward.velocity_m_s)
+    return forward, reference.steady_sign(forward.velocity_m_s, features.pressure_Pa)
 
 
 def _on(share: float, factor: Floats, made: Iterator[Floats], there: Iterator[Floats]) -> Iterator[Floats]:

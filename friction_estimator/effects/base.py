@@ -251,6 +251,14 @@ class Effect:
         return []
 
     @classmethod
+    def unscreened(cls, context: Context) -> list[dict[str, float]]:  # noqa: ARG003
+        """Return places of forms that screening, which is linear about the base model, does not see (default none).
+
+        They are forms that change so much that the base bends towards them.
+        """
+        return []
+
+    @classmethod
     def columns(cls, params: Params) -> Columns:
         """Return the causal machine that makes the columns for one parameter set."""
         raise NotImplementedError

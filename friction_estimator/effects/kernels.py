@@ -231,21 +231,23 @@ def film_way(step, previous, velocity, tau, film_speed, state, out):  # type: ig
 
 
 @njit(cache=True)
-def on_film(velocity, film_speed, sign_velocity, rest, there, here, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+def on_film(velocity, film_speed, sign_velocity, theory_sign, rest, there, here, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
     """S(v) (B(u)/S(u) - B(|v|)/S(|v|)) + v (H(u)/u - H(|v|)/|v|), u the speed that has built the film.
 
-    B and H are the boundary and the shear part of the theory: the film's thickness, which sets both, is that of u. Of
-    what the force has beside them, a share `rest` goes with B. `there` and `here` are force, B and H at u and at |v|.
+    B and H are the boundary and the shear part of the theory, S its smooth sign: the film's thickness, which sets both,
+    is that of u. Of what the force has beside them, a share `rest` follows it as B does, behind a smooth sign of its
+    own. `there` and `here` are force, B and H at u and at |v|.
     """
     for k in range(velocity.size):
         speed = max(abs(velocity[k]), LEAST_FILM * sign_velocity)
         b, h, b0, h0 = there[1][k], there[2][k], here[1][k], here[2][k]
-        if rest != 0.0:
-            b += rest * (there[0][k] - b - h)
-            b0 += rest * (here[0][k] - b0 - h0)
-        dry = b / np.tanh(film_speed[k] / sign_velocity) - b0 / np.tanh(speed / sign_velocity)
+        dry = b / np.tanh(film_speed[k] / theory_sign) - b0 / np.tanh(speed / theory_sign)
         wet = h / film_speed[k] - h0 / speed
-        out[k] = np.tanh(velocity[k] / sign_velocity) * dry + velocity[k] * wet
+        out[k] = np.tanh(velocity[k] / theory_sign) * dry + velocity[k] * wet
+        if rest != 0.0:
+            beside = (there[0][k] - b - h) / np.tanh(film_speed[k] / sign_velocity)
+            beside -= (here[0][k] - b0 - h0) / np.tanh(speed / sign_velocity)
+            out[k] += rest * np.tanh(velocity[k] / sign_velocity) * beside
 
 
 @njit(cache=True)

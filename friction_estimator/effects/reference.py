@@ -108,6 +108,7 @@ class Reference:
     sign_velocity_m_s : v_s of the smooth sign tanh(v / v_s).
     taps : (order,), FIR of the base model behind the static force: [1, taps] over their sum gives gain one.
     theory_lags : (order,) or empty, lags c of the theory's part t beside it: sum_i c_i (t[k - i] - t[k]).
+    theory_sign_m_s : v_s of the theory's own smooth sign, where that is known: what its part stands behind.
     """
 
     tables: Floats
@@ -116,6 +117,7 @@ class Reference:
     sign_velocity_m_s: float
     taps: Floats = field(default_factory=lambda: np.zeros(0))
     theory_lags: Floats = field(default_factory=lambda: np.zeros(0))
+    theory_sign_m_s: float | None = None
     _last: LastFew = field(default_factory=LastFew, init=False, repr=False, compare=False)
 
     @classmethod
@@ -129,12 +131,13 @@ class Reference:
         pressures_Pa: Floats,
         sign_velocity_m_s: float,
         taps: Floats | None = None,
+        theory_sign_m_s: float | None = None,
     ) -> "Reference":
         """Tabulate the surfaces over `VELOCITIES` of the axis.
 
-        `taps` are those of the base model's FIR. Where a theory has no such parts they are taken as the viscous v and
-        the Coulomb tanh(v / v_s), both scaled to the force, its own one to the theory. Without a theory all of the
-        force stands for it.
+        `taps` are those of the base model's FIR, `theory_sign_m_s` is v_s of the theory's own sign. Where a theory has
+        no such parts they are taken as the viscous v and the Coulomb tanh(v / v_s), both scaled to the force, its own
+        one to the theory. Without a theory all of the force stands for it.
         """
         top_m_s, velocity = axis.top_m_s, axis.velocities(VELOCITIES)
 
@@ -167,6 +170,7 @@ class Reference:
             axis,
             sign_velocity_m_s,
             np.zeros(0) if taps is None else taps,
+            theory_sign_m_s=theory_sign_m_s,
         )
 
     @property
@@ -226,7 +230,8 @@ class Reference:
     def level(self, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
         """Return the level F / S of friction in steady sliding, (n,), N: what stands behind the smooth sign.
 
-        Not to be written to.
+        The theory's share stands behind its own one, which may be wider than a slow drive's: over S it would fall
+        towards rest. Not to be written to.
         """
         return self._last("level", (velocity_m_s, pressure_Pa), lambda: self._level(velocity_m_s, pressure_Pa))
 
@@ -239,8 +244,23 @@ class Reference:
         return LOWEST * self.sign_velocity_m_s
 
     def _level(self, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
-        force = self._looked_up(FORCE, self.axis.shares(velocity_m_s, self._slowest_m_s), pressure_Pa)
-        return np.asarray(force / self.smooth_sign(self.moving(velocity_m_s)))
+        share, moving = self.axis.shares(velocity_m_s, self._slowest_m_s), self.moving(velocity_m_s)
+        force = self._looked_up(FORCE, share, pressure_Pa)
+        if self._one_sign:
+            return np.asarray(force / self.smooth_sign(moving))
+        theory = np.sum([self._looked_up(part, share, pressure_Pa) for part in THEORY], axis=0)
+        return np.asarray((force - theory) / self.smooth_sign(moving) + theory / self.theory_sign(moving))
+
+    def steady_sign(self, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
+        """Return the share of the level that the curve is at a velocity, with its sign, (n,)."""
+        if self._one_sign:
+            return self.smooth_sign(velocity_m_s)
+        level, force = self.level(velocity_m_s, pressure_Pa), self.force(velocity_m_s, pressure_Pa)
+        return np.divide(force, level, out=np.zeros(force.size), where=level != 0.0)
+
+    @property
+    def _one_sign(self) -> bool:
+        return self.theory_sign_m_s in (None, self.sign_velocity_m_s)
 
     def _looked_up(self, which: int, share: Floats, pressure_Pa: Floats) -> Floats:
         out = np.empty(share.size)
@@ -250,3 +270,7 @@ class Reference:
     def smooth_sign(self, velocity_m_s: Floats) -> Floats:
         """Return S = tanh(v / v_s), (n,)."""
         return np.asarray(np.tanh(velocity_m_s / self.sign_velocity_m_s))
+
+    def theory_sign(self, velocity_m_s: Floats) -> Floats:
+        """Return the smooth sign of the theory's share of the force, (n,)."""
+        return np.asarray(np.tanh(velocity_m_s / (self.theory_sign_m_s or self.sign_velocity_m_s)))

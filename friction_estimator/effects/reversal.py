@@ -34,6 +34,10 @@ SPREAD = (0.0625, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0)
 """Lengths of several bristles over that of the one which fits best."""
 
 
+UNSCREENED_RATIO = 16.0
+"""Of lengths at which bristles of several lengths are begun: each goes over a factor of 64, and walks by octaves."""
+
+
 DWELL_POWERS = (0.25, 0.5)
 """Exponents with which a breakaway force grows with the dwell."""
 
@@ -203,7 +207,7 @@ class Presliding(Effect):
                 own = s[2 * i : 2 * i + 2]
                 slip_chain(f.step_s, f.previous_m_s, f.velocity_m_s, 2.0 * factor * params["length"], own, out[i])
             # Where bristles carry everything, nothing is left of the static curve's smooth sign.
-            out[-1] = f.direction - r.smooth_sign(f.velocity_m_s)
+            out[-1] = f.direction - r.steady_sign(f.velocity_m_s, f.pressure_Pa)
             return out.T * relative_level(f, r)[:, None]
 
         if params.get("spread", 0.0) >= 0.5:
@@ -232,6 +236,11 @@ class Presliding(Effect):
         if not cls.carries(params):
             return []
         return [dict(params) | {"length": factor * params["length"]} for factor in (0.5, 2.0)]
+
+    @classmethod
+    def unscreened(cls, context: Context) -> list[dict[str, float]]:
+        """Bristles of several lengths, which carry the level, all that the drive shows."""
+        return [{"length": float(length), "spread": 1.0} for length in lengths(context, UNSCREENED_RATIO)[1:-1]]
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003

@@ -143,8 +143,8 @@ class Together:
         r = self._reference
         forward = sliding(features, r)
         force = columns(held(features, bristles.spec, r.top_m_s), r) @ bristles.weights
-        level = r.level(features.velocity_m_s, features.pressure_Pa) * r.smooth_sign(forward.velocity_m_s)
-        return forward, np.asarray(force / level)
+        level = r.level(features.velocity_m_s, features.pressure_Pa)
+        return forward, np.asarray(force / (level * r.steady_sign(forward.velocity_m_s, features.pressure_Pa)))
 
 
 class AtTime:

@@ -43,6 +43,10 @@ class TheoryCurve(Protocol):
     def held(self) -> int:
         """Samples so far with an input outside the curve's range, held at the nearest limit."""
 
+    @property
+    def sign_velocity_m_s(self) -> float | None:
+        """Velocity v_s of its smooth sign tanh(v / v_s), m/s; None where it is of no such form."""
+
     def evaluate(self, velocity_m_s: Floats, gauge_pressure_Pa: Floats, temperature_degC: Floats) -> Floats:
         """Return the steady-state friction.
 

@@ -224,6 +224,11 @@ class SealCurve:
         """Samples so far with an input outside the curve's range, held at the nearest limit."""
         return int(self._counts[1])
 
+    @property
+    def sign_velocity_m_s(self) -> float:
+        """Velocity v_s of its smooth sign, m/s."""
+        return self.seal.sign_velocity
+
     def evaluate(self, velocity_m_s: Floats, gauge_pressure_Pa: Floats, temperature_degC: Floats) -> Floats:
         """Return the steady-state friction, (n,) N; see TheoryCurve.evaluate."""
         velocity, pressure, temperature = _same_length(velocity_m_s, gauge_pressure_Pa, temperature_degC)

@@ -138,6 +138,11 @@ class StribeckCurve:
         """Samples so far with a velocity beyond what the curve was found from."""
         return int(self._counts[0])
 
+    @property
+    def sign_velocity_m_s(self) -> float:
+        """Velocity w of its smooth sign, m/s."""
+        return self.stribeck.sign_velocity
+
     def evaluate(
         self, velocity_m_s: Floats, gauge_pressure_Pa: Floats | None = None, temperature_degC: Floats | None = None
     ) -> Floats:

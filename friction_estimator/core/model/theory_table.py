@@ -121,6 +121,11 @@ class TableCurve:
         """Samples so far outside the grid, held at its edge."""
         return int(self._counts[1])
 
+    @property
+    def sign_velocity_m_s(self) -> None:
+        """What was measured has no formula for its sign."""
+        return None
+
     def evaluate(self, velocity_m_s: Floats, gauge_pressure_Pa: Floats, temperature_degC: Floats) -> Floats:
         """Return the interpolated friction, (n,) N; see TheoryCurve.evaluate."""
         if not velocity_m_s.shape == gauge_pressure_Pa.shape == temperature_degC.shape:
