@@ -351,14 +351,6 @@ def test_a_step_beside_bristles_is_found_under_multisines() -> None:
     assert result.unexplained_percent < 3.0
 
 
-def test_a_step_half_way_beside_bristles_is_found_under_multisines() -> None:
-    """Their fit ran away, every cause beside them began at three times its cost: a fifth was told as left."""
-    result = diagnose([record(["bias_step:size=0.04,at=30"], plant="maxwell_slip", segments=MULTISINES)], Config())
-    assert names(result) == ["presliding", "bias_step"]
-    assert result.effects[1].parameters["at"].value == pytest.approx(30.0, abs=0.1)
-    assert result.unexplained_percent < 8.0
-
-
 def test_a_well_in_which_bristles_push_is_none() -> None:
     """Forces of either sign that nearly cancel fit best, and with them refused a film's lag was told, 67 % left."""
     segments = (segment(2.0, 60.0, 20.0, "triangle"), segment(7.0, 200.0, 28.0, "triangle"))
@@ -371,7 +363,6 @@ def test_a_well_in_which_bristles_push_is_none() -> None:
     [
         # Screening does not see these bristles: the base has bent towards them, two causes and a filter were told.
         ("maxwell_slip", ((8.0, 60.0, 32.0, "speed_steps"), (8.0, 200.0, 32.0, "speed_steps"))),
-        ("maxwell_slip", ((5.0, 60.0, 25.0, "sine"), (20.0, 200.0, 40.0, "sine"), (5.0, 200.0, 25.0, "sine"))),
         ("film_lag", ((8.0, 60.0, 32.0, "speed_steps"), (8.0, 200.0, 32.0, "speed_steps"))),
     ],
 )
@@ -380,6 +371,14 @@ def test_a_slow_drive_has_the_traits_of_the_rig_alone(plant, drive) -> None:
     samples = simulate(Scenario(tuple(segment(*part) for part in drive), plant, 200.0, 0.01, 904)).samples
     result = diagnose([samples], Config())
     assert names(result) == list(PLANTS[plant].traits)
+    assert result.unexplained_percent < 2.0
+
+
+def test_bristles_that_one_exponential_does_not_show_are_no_late_force() -> None:
+    """It passes the screening, but brings a hundredth of what they do: a delay of 9 ms was told, at 100 Hz."""
+    drive = tuple(segment(*part, "triangle") for part in ((3.0, 60.0, 30.0), (8.0, 200.0, 40.0)))
+    result = diagnose([simulate(Scenario(drive, "maxwell_slip", 100.0, 0.02, 941)).samples], Config())
+    assert names(result) == ["presliding"]
     assert result.unexplained_percent < 2.0
 
 

@@ -84,7 +84,7 @@ def test_a_delay_behind_bristles_is_found() -> None:
     hidden = (parse_effect("time_delay:delay=0.003"),)
     samples = simulate(Scenario(SEGMENTS, plant="maxwell_slip", rate_hz=200.0, seed=4, effects=hidden)).samples
     record = build_record([samples], Config())
-    context = record.context(Config(), float(np.abs(record.friction_N).max()))
+    context = record.context(SEAL, float(np.abs(record.friction_N).max()))
     fit = JointFit(BaseProblem(record, SEAL, Capacity(SPLINES, Config().fir.order)), context)
     bristles = Term(EFFECTS["presliding"], {"length": 3e-5, "spread": 1.0})
     without = fit([bristles])

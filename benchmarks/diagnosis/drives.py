@@ -93,6 +93,8 @@ OTHER = (
     Drive(
         "100 Hz, 30 N", ((2.0, LOW, 80.0, "sine"), (5.0, HIGH, 80.0, "sine")), 100.0, abba=False, force=6.0, motion=0.1
     ),
+    # At a third of the speed at which the theory's sign is as wide as a twentieth of the top speed.
+    Drive("slow", ((16.0, LOW, 64.0, "speed_steps"), (10.0, HIGH, 60.0, "sine")), abba=False),
 )
 """One period, pressures in order, one pressure, or other profiles."""
 

@@ -111,7 +111,12 @@ class Comparison:
         top += [s for s in passing if s.hypothesis.effect.delays and s.name not in known]
         fitted = [self._fits(model, s.name, s.params) for s in top]
         found = {c.name: c for c in fitted if c is not None}
-        return self._views.unscreened(model, {*out, *found}) | found
+        enough = CLOSE * max((c.gain for c in found.values()), default=0.0)
+        # What comes close is looked at in its best form anyway.
+        for one in self._views.unscreened(model, {*out, *(c.name for c in found.values() if c.gain > enough)}):
+            if one.name not in found or one.gain > found[one.name].gain:
+                found[one.name] = one
+        return found
 
     def _measured(
         self, model: Model, best: Candidate, others: Sequence[Candidate], causes: Sequence[Cause]

@@ -192,6 +192,10 @@ class OwnColumns:
         other._chosen, other._last = chosen, None
         return other
 
+    def forget(self) -> None:
+        """Let go of the problem made last, which is as large as its columns."""
+        self._last = None
+
     @cached_property
     def _theory(self) -> Reference:
         return theory_reference(self.problem, self._context.sign_velocity_m_s)

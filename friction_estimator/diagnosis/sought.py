@@ -45,6 +45,7 @@ class Sought:
         blocks = self._base.problem.products.edges.size - 1
         rows = np.ones(blocks, np.bool_) if self._rows is None else self._rows.copy()
         rows[1 - int(rows[0]) :: 2] = False
+        self._base.forget()  # whatever is found, the next problem is another one
         return LinearFit(self._base.on(rows), rows)
 
     def _scanned(

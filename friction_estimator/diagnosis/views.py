@@ -95,21 +95,19 @@ class Views:
         hidden |= any(t.effect.acts == REVERSAL and not t.effect.delays for t in model.joint.terms)
         return passing + [s for s in some if s not in passing and s.hypothesis.effect.delays and hidden]
 
-    def unscreened(self, model: Model, out: Collection[str]) -> dict[str, Candidate]:
-        """Return the best fits of forms that screening does not see beside a model that leaves much, by name.
+    def unscreened(self, model: Model, out: Collection[str]) -> Iterator[Candidate]:
+        """Yield the best fit of each effect in forms that screening does not see, beside a model that leaves much.
 
         Of equally good ones forces of either sign may nearly cancel in the best: one of known sign is taken first.
         """
         if self.left_N2(model) < SECOND_LEFT * float(model.loss.sum()):
-            return {}
-        found = dict[str, Candidate]()
+            return
         for s in self.of(model).screened:
             forms = s.hypothesis.effect.unscreened(self.context) if s.name not in out else []
             fits = [one for one in (self.fits(model, s.name, form) for form in forms) if one is not None]
-            told = [one for one in fits if self.fits.known_sign(one)]
             if fits:
-                found[s.name] = max(told or fits, key=lambda one: one.gain)
-        return found
+                told = [one for one in fits if self.fits.known_sign(one)]
+                yield max(told or fits, key=lambda one: one.gain)
 
     def followers(self, model: Model) -> Iterator[Candidate]:
         """Yield the effects that pass best after a model, fitted beside it, which bring what they must."""
