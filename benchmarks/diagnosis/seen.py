@@ -1,6 +1,7 @@
 """What the hidden change itself would explain in each record of a study, beside the base and the plant's own traits.
 
     python benchmarks/diagnosis/seen.py LINES.jsonl... [--row "abba 1 %"] [--missed]
+    python benchmarks/diagnosis/seen.py --seed 8000 --seed 8100 --share 0/4 --share 2/4 --row "abba 1 %"
 
 The diagnosis is let name the traits of the plant alone. Then the very change that the hidden effect made of the force,
 which is no regressor of ours, is fitted beside the tangent of what was found, as one column of free size, and judged on
@@ -10,6 +11,8 @@ this freedom cannot see it. Three shares are printed, in percent:
 - `explains`: of the error power, what the change explains so. A cause needs 0.2 (`causes.LEAST_SHARE`).
 - `beside`: of that, what is left of it beside other forms of the traits (decision 0168).
 - `forms`: of that, what those other forms explain without it.
+
+Records are those of a study's lines, or of the design of some seeds, of which nobody has asked the diagnosis.
 """
 
 import argparse
@@ -19,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from design import ROWS, cases
 from judge import Line, scored
 from study import make_case
 
@@ -38,17 +42,29 @@ SEED = 0
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("lines", type=Path, nargs="+")
+    parser.add_argument("lines", type=Path, nargs="*")
+    parser.add_argument("--seed", type=int, action="append", help="records of this seed, too; may be repeated")
+    parser.add_argument("--share", metavar="K/N", action="append", help="of a seed's: as of study.py; may be repeated")
     parser.add_argument("--row", action="append", help="this row only; may be repeated")
     parser.add_argument("--missed", action="store_true", help="only records whose truth is not the first name")
     given = parser.parse_args()
     print("row | hidden | plant | drive | named first | explains, % | beside, % | forms, %")
-    for line in _lines(given.lines):
-        score = scored(line)
-        if (given.row and line["row"] not in given.row) or (given.missed and score.named):
+    for line in [*_lines(given.lines), *_designed(given.seed or [], given.share or ["0/1"])]:
+        named = scored(line).named if "verdict" in line else None
+        if (given.row and line["row"] not in given.row) or (given.missed and named is not False):
             continue
-        words = [line["row"], line["truth"][0], line["plant"], line["drive"], "yes" if score.named else "no"]
+        said = "-" if named is None else "yes" if named else "no"
+        words = [line["row"], line["truth"][0], line["plant"], line["drive"], said]
         print(" | ".join(words + [f"{value:.2f}" for value in seen(line)]), flush=True)
+
+
+def _designed(seeds: list[int], shares: list[str]) -> Iterator[Line]:
+    """Yield the records of some seeds that hide one effect of the catalogue."""
+    parts = [tuple(map(int, share.split("/"))) for share in shares]
+    for seed in seeds:
+        for number, case in enumerate(cases(list(ROWS), range(seed, seed + 1))):
+            if any(number % n == k for k, n in parts) and len(case["truth"]) == 1 and not case["out"]:
+                yield case
 
 
 def _lines(paths: list[Path]) -> Iterator[Line]:
