@@ -219,7 +219,7 @@ class TermColumns:
 def _sliding(features: Features, reference: Reference) -> tuple[Features, Floats]:
     """Return the features of a forward motion at the same speeds, and what the curve is there of its level."""
     forward = sliding(features, reference)
-    return forward, reference.steady_sign(forward.velocity_m_s, features.pressure_Pa)
+    return forward, reference.forward_sign(forward.velocity_m_s, features.pressure_Pa)
 
 
 def _on(share: float, factor: Floats, made: Iterator[Floats], there: Iterator[Floats]) -> Iterator[Floats]:

@@ -258,6 +258,15 @@ class Reference:
         level, force = self.level(velocity_m_s, pressure_Pa), self.force(velocity_m_s, pressure_Pa)
         return np.divide(force, level, out=np.zeros(force.size), where=level != 0.0)
 
+    def forward_sign(self, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
+        """Return `steady_sign` of a forward motion, (n,), between the two smooth signs: others are divided by it.
+
+        Parts of unlike signs may cancel in the curve where they do not in its level.
+        """
+        narrow, wide = self.smooth_sign(velocity_m_s), self.theory_sign(velocity_m_s)
+        there = self.steady_sign(velocity_m_s, pressure_Pa)
+        return np.clip(there, np.minimum(narrow, wide), np.maximum(narrow, wide))
+
     @property
     def _one_sign(self) -> bool:
         return self.theory_sign_m_s in (None, self.sign_velocity_m_s)

@@ -144,7 +144,7 @@ class Together:
         forward = sliding(features, r)
         force = columns(held(features, bristles.spec, r.top_m_s), r) @ bristles.weights
         level = r.level(features.velocity_m_s, features.pressure_Pa)
-        return forward, np.asarray(force / (level * r.steady_sign(forward.velocity_m_s, features.pressure_Pa)))
+        return forward, np.asarray(force / (level * r.forward_sign(forward.velocity_m_s, features.pressure_Pa)))
 
 
 class AtTime:

@@ -1,0 +1,61 @@
+"""The level of friction in steady sliding, behind one smooth sign or two."""
+
+import numpy as np
+import pytest
+
+from friction_estimator.effects.axis import VelocityAxis
+from friction_estimator.effects.reference import THEORY, Reference
+
+NARROW, WIDE = 1e-3, 2e-3
+SPEEDS = np.geomspace(1e-4, 0.02, 40)
+PRESSURES = np.full(SPEEDS.size, 5e5)
+
+
+def theory(v: np.ndarray, p: np.ndarray) -> np.ndarray:
+    return (5.0 + 4e-6 * p - 60.0 * np.abs(v)) * np.tanh(v / WIDE)
+
+
+def made(rest_N: float, theory_sign: float | None = WIDE) -> Reference:
+    """Return the tables of a theory and of Coulomb friction of a narrower sign beside it."""
+    axis = VelocityAxis(0.02)
+
+    def force(v: np.ndarray, p: np.ndarray) -> np.ndarray:
+        return theory(v, p) + rest_N * np.tanh(v / NARROW)
+
+    pressures = np.array([3e5, 1e6])
+    return Reference.tabulate(force, None, None, theory, axis, pressures, NARROW, None, theory_sign)
+
+
+@pytest.mark.parametrize("rest_N", [0.5, -0.5])
+def test_each_part_of_the_level_stands_behind_its_own_sign(rest_N: float) -> None:
+    reference = made(rest_N)
+    level = 5.0 + 4e-6 * PRESSURES - 60.0 * SPEEDS + rest_N
+    np.testing.assert_allclose(reference.level(SPEEDS, PRESSURES), level, rtol=2e-3)
+    np.testing.assert_allclose(reference.at_rest_N, 5.0 + 4e-6 * 6.5e5 + rest_N, rtol=3e-3)
+    # Behind the narrow sign alone it falls towards rest.
+    assert made(rest_N, None).level(SPEEDS[:1], PRESSURES[:1])[0] < 0.6 * level[0]
+
+
+def test_the_share_of_the_level_that_the_curve_is_has_its_sign() -> None:
+    reference = made(0.5)
+    for way in (1.0, -1.0):
+        share = reference.steady_sign(way * SPEEDS, PRESSURES)
+        forces = reference.force(way * SPEEDS, PRESSURES)
+        np.testing.assert_allclose(share * reference.level(SPEEDS, PRESSURES), forces, rtol=1e-9)
+    assert np.array_equal(made(0.5, None).steady_sign(SPEEDS, PRESSURES), np.tanh(SPEEDS / NARROW))
+
+
+def test_nothing_is_divided_by_parts_that_cancel() -> None:
+    """At one speed the curve is zero, and its level is not."""
+    reference = made(-5.0)
+    crossing = np.diff(np.sign(reference.force(SPEEDS, PRESSURES))) != 0.0
+    assert crossing.any()
+    sign = reference.forward_sign(SPEEDS, PRESSURES)
+    assert np.all(sign >= np.tanh(SPEEDS / WIDE))
+    assert np.all(sign <= np.tanh(SPEEDS / NARROW))
+
+
+def test_the_theory_is_what_its_parts_add_up_to() -> None:
+    reference = made(0.5)
+    total = sum(reference.part(part, SPEEDS, PRESSURES) for part in THEORY)
+    np.testing.assert_allclose(total, theory(SPEEDS, PRESSURES), rtol=1e-3, atol=1e-3)
