@@ -34,8 +34,8 @@ SPREAD = (0.0625, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0)
 """Lengths of several bristles over that of the one which fits best."""
 
 
-UNSCREENED_RATIO = 16.0
-"""Of lengths at which bristles of several lengths are begun: each goes over a factor of 64, and walks by octaves."""
+UNSCREENED_RATIO = 64.0
+"""Of lengths at which bristles of several lengths are begun: they go over as much (`SPREAD`), and walk by octaves."""
 
 
 DWELL_POWERS = (0.25, 0.5)
