@@ -144,15 +144,15 @@ class Reference:
         def at_top(surface: Surface) -> float:
             return float(surface(np.array([top_m_s]), pressures_Pa[:1])[0])
 
-        def coulomb(scale: float) -> Surface:
-            return lambda v, p: np.asarray(scale * np.tanh(v / sign_velocity_m_s) + 0.0 * p)
+        def coulomb(scale: float, width_m_s: float) -> Surface:
+            return lambda v, p: np.asarray(scale * np.tanh(v / width_m_s) + 0.0 * p)
 
         if viscous is not None and boundary is not None:
             dry = boundary
         else:
             scale = abs(at_top(force)) or 1.0
-            boundary = coulomb(scale)
-            dry = boundary if theory is None else coulomb(at_top(theory))
+            boundary = coulomb(scale, sign_velocity_m_s)
+            dry = boundary if theory is None else coulomb(at_top(theory), theory_sign_m_s or sign_velocity_m_s)
 
             def viscous(v: Floats, p: Floats) -> Floats:
                 return scale * v / top_m_s + 0.0 * p

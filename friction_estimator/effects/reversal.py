@@ -240,7 +240,9 @@ class Presliding(Effect):
     @classmethod
     def unscreened(cls, context: Context) -> list[dict[str, float]]:
         """Bristles of several lengths, which carry the level, all that the drive shows."""
-        return [{"length": float(length), "spread": 1.0} for length in lengths(context, UNSCREENED_RATIO)[1:-1]]
+        points = lengths(context, UNSCREENED_RATIO)
+        inner = points[1:-1] if points.size > 2 else np.sqrt(points[:1] * points[-1:])
+        return [{"length": float(length), "spread": 1.0} for length in inner]
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
