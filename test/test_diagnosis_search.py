@@ -343,12 +343,14 @@ def test_a_small_delay_that_no_form_of_a_trait_makes_is_named() -> None:
     assert result.effects[1].parameters["delay"].value == pytest.approx(0.00015, abs=5e-5)
 
 
-def test_a_step_beside_bristles_is_found_under_multisines() -> None:
-    """Their fit ran away, a time that is not there was named instead of the step, and 70 % were left."""
-    result = diagnose([record(["bias_step:size=0.04,at=36"], plant="maxwell_slip", segments=MULTISINES)], Config())
+@pytest.mark.parametrize(("at_s", "left"), [(36.0, 3.0), (30.0, 8.0)])
+def test_a_step_beside_bristles_is_found_under_multisines(at_s, left) -> None:
+    """Their fit ran away: a time that is not there was named instead of the step, or a fifth was told as left."""
+    hidden = [f"bias_step:size=0.04,at={at_s:g}"]
+    result = diagnose([record(hidden, plant="maxwell_slip", segments=MULTISINES)], Config())
     assert names(result) == ["presliding", "bias_step"]
-    assert result.effects[1].parameters["at"].value == pytest.approx(36.0, abs=0.1)
-    assert result.unexplained_percent < 3.0
+    assert result.effects[1].parameters["at"].value == pytest.approx(at_s, abs=0.1)
+    assert result.unexplained_percent < left
 
 
 def test_a_well_in_which_bristles_push_is_none() -> None:

@@ -63,7 +63,7 @@ def _designed(seeds: list[int], shares: list[str]) -> Iterator[Line]:
     parts = [tuple(map(int, share.split("/"))) for share in shares]
     for seed in seeds:
         for number, case in enumerate(cases(list(ROWS), range(seed, seed + 1))):
-            if any(number % n == k for k, n in parts) and len(case["truth"]) == 1 and not case["out"]:
+            if any(number % n == k for k, n in parts) and _hides_one(case):
                 yield case
 
 
@@ -72,8 +72,12 @@ def _lines(paths: list[Path]) -> Iterator[Line]:
     for path in paths:
         for text in path.read_text(encoding="utf-8").splitlines():
             line = json.loads(text)
-            if "verdict" in line and len(line["truth"]) == 1 and not line["out"]:
+            if "verdict" in line and _hides_one(line):
                 yield line
+
+
+def _hides_one(line: Line) -> bool:
+    return len(line["truth"]) == 1 and not line["out"]
 
 
 def seen(case: dict[str, Any]) -> tuple[float, float, float]:

@@ -18,7 +18,7 @@ from friction_estimator.diagnosis.base_problem import (
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.tangent import Tangent
 from friction_estimator.effects.axis import VelocityAxis
-from friction_estimator.effects.extension import theory_parts
+from friction_estimator.effects.extension import theory_parts, theory_sign
 from friction_estimator.effects.reference import Reference
 
 
@@ -156,5 +156,5 @@ def _tabulated(
     viscous, boundary, whole = theory_parts(theory, gain, warm)
     # A film is sought in all of the force where the theory does not say what of it is a film's.
     parts = (viscous, boundary, None if boundary is None else whole)
-    sign = None if theory is None else theory.sign_velocity_m_s
-    return Reference.tabulate(lambda v, p: force(v, p, warm), *parts, axis, nodes, sign_velocity_m_s, taps, sign)
+    signs = sign_velocity_m_s, taps, theory_sign(theory)
+    return Reference.tabulate(lambda v, p: force(v, p, warm), *parts, axis, nodes, *signs)

@@ -21,6 +21,7 @@ from friction_estimator.diagnosis.base_problem import BaseProblem, Coefficients
 from friction_estimator.diagnosis.lagged import force
 from friction_estimator.diagnosis.library import columns_of
 from friction_estimator.effects.base import FILM_STATE, Effect
+from friction_estimator.effects.extension import theory_sign
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.moments import WITHIN, share_ago
 from friction_estimator.effects.on_film import on_film
@@ -259,16 +260,18 @@ class OwnColumns:
     def level_at_rest_N(self, found: Coefficients) -> float:
         """Return `Reference.at_rest_N` of the base's static curve, without its tables."""
         tables, slow = self.problem.tables, np.array([LOWEST * self._context.sign_velocity_m_s])
-        level = tables.at(slow, tables.pressures_Pa.mean(keepdims=True)) / self._signs(slow)
+        level = self._over_signs(tables.at(slow, tables.pressures_Pa.mean(keepdims=True)), slow)
         return float(level[0] @ found.weights) * (1.0 + float(found.taps.sum()))
 
-    def _signs(self, speed_m_s: Floats) -> Floats:
-        """Return the smooth sign behind which each of the base's own columns stands, (n, m)."""
-        widths = np.full(self.problem.products.width, self._context.sign_velocity_m_s)
-        theory = self.problem.theory
-        if theory is not None and theory.sign_velocity_m_s is not None:
-            widths[0] = theory.sign_velocity_m_s
-        return np.asarray(np.tanh(speed_m_s[:, None] / widths))
+    def _over_signs(self, columns: Floats, speed_m_s: Floats) -> Floats:
+        """Divide each of the base's own columns at some speeds, (n, m), by the smooth sign behind which it stands.
+
+        The theory is the first of them, where there is one.
+        """
+        sign, lead = self._context.sign_velocity_m_s, int(self.problem.theory is not None)
+        columns[:, :lead] /= np.tanh(speed_m_s / (theory_sign(self.problem.theory) or sign))[:, None]
+        columns[:, lead:] /= np.tanh(speed_m_s / sign)[:, None]
+        return columns
 
     def levels(self, film: Term | None, features: Features, reference: Reference) -> Iterator[Floats]:
         """Yield the levels F / S behind the base's own columns, on a film that lags where there is one, (n_part, m).
@@ -278,9 +281,8 @@ class OwnColumns:
         """
 
         def at(part: slice, speed_m_s: Floats) -> Floats:
-            level = self.problem.tables.at(speed_m_s[part], features.pressure_Pa[part])
-            level /= self._signs(speed_m_s[part])
-            return level
+            made = self.problem.tables.at(speed_m_s[part], features.pressure_Pa[part])
+            return self._over_signs(made, speed_m_s[part])
 
         moving = reference.moving(features.velocity_m_s)
         if film is None:

@@ -178,12 +178,17 @@ def reference_from_config(config: Config) -> Reference:
         pressures = np.unique(np.append(pressures, np.linspace(0.0, 2e6, PRESSURE_NODES)))
     lead = float(taps[0]) if abs(taps[0]) > 0.1 * float(np.abs(taps).sum()) else 0.0
     shape = taps[1:] / lead if lead else np.zeros(0)
-    sign = None if theory is None else theory.sign_velocity_m_s
-    made = Reference.tabulate(force, viscous, boundary, alone, VelocityAxis(top), pressures, smooth, shape, sign)
+    parts, own_sign = (viscous, boundary, alone), theory_sign(theory)
+    made = Reference.tabulate(force, *parts, VelocityAxis(top), pressures, smooth, shape, own_sign)
     own = np.array(learned.theory_taps)
     if theory is None or own.size != taps.size or not lead or not own.sum():
         return made
     return replace(made, theory_lags=own[1:] / own.sum() - taps[1:] / taps.sum())
+
+
+def theory_sign(theory: TheoryCurve | None) -> float | None:
+    """Return v_s of a theory's own smooth sign, m/s, or None where that is not known."""
+    return None if theory is None else theory.sign_velocity_m_s
 
 
 def theory_parts(

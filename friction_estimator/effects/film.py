@@ -226,6 +226,5 @@ def _more_on(film_m_s: Floats, velocity_m_s: Floats, pressure_Pa: Floats, rest: 
     parts = (FORCE, *THEORY)
     there = r.once(film_m_s, pressure_Pa, *parts)
     here = tuple(r.part(part, velocity_m_s, pressure_Pa, slowest) for part in parts)
-    widths = r.sign_velocity_m_s, r.theory_sign_m_s or r.sign_velocity_m_s
-    on_film(velocity_m_s, film_m_s, *widths, rest, there, here, out)
+    on_film(velocity_m_s, film_m_s, r.sign_velocity_m_s, r.theory_width_m_s, rest, there, here, out)
     return out

@@ -268,8 +268,13 @@ class Reference:
         return np.clip(there, np.minimum(narrow, wide), np.maximum(narrow, wide))
 
     @property
+    def theory_width_m_s(self) -> float:
+        """Velocity v_s of the smooth sign behind which the theory's share stands, m/s: the force's own, if unknown."""
+        return self.theory_sign_m_s or self.sign_velocity_m_s
+
+    @property
     def _one_sign(self) -> bool:
-        return self.theory_sign_m_s in (None, self.sign_velocity_m_s)
+        return self.theory_width_m_s == self.sign_velocity_m_s
 
     def _looked_up(self, which: int, share: Floats, pressure_Pa: Floats) -> Floats:
         out = np.empty(share.size)
@@ -282,4 +287,4 @@ class Reference:
 
     def theory_sign(self, velocity_m_s: Floats) -> Floats:
         """Return the smooth sign of the theory's share of the force, (n,)."""
-        return np.asarray(np.tanh(velocity_m_s / (self.theory_sign_m_s or self.sign_velocity_m_s)))
+        return np.asarray(np.tanh(velocity_m_s / self.theory_width_m_s))
