@@ -17,7 +17,7 @@ from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import build_record
 from friction_estimator.diagnosis.search import Searcher, _Found
 from friction_estimator.diagnosis.time_alone import FEWEST, TimeAlone, _alike
-from friction_estimator.effects import EFFECTS
+from friction_estimator.effects import EFFECTS, parse_effect
 from friction_estimator.rig.drive import segment
 from friction_estimator.rig.plant import PLANTS
 from friction_estimator.rig.simulate import Scenario, simulate
@@ -398,7 +398,8 @@ def test_bristles_an_octave_too_long_leave_no_time() -> None:
 @pytest.mark.parametrize("hidden", [[], ["wear:size=0.01"]])
 def test_a_small_change_in_time_is_no_form_of_what_comes_again_with_the_drive(hidden) -> None:
     """It brings 0.6 % of what the rig's own traits leave: of anything else that would be a trace beside them."""
-    result = diagnose([record(hidden, plant="rig", noise=0.03, segments=LONG_ABBA)], Config())
+    effects = tuple(parse_effect(text) for text in hidden)
+    result = diagnose([simulate(Scenario(LONG_ABBA, "rig", 100.0, 0.02, 3, effects)).samples], Config())
     others = [e for e in result.effects if e.name not in PLANTS["rig"].traits]
     assert len(others) == len(hidden)
     assert all("wear" in set_of(e) for e in others)
