@@ -206,3 +206,20 @@ def test_a_gap_that_only_the_slow_drive_shows_is_one_beside_a_lagging_film(gap: 
     result = diagnose([data], Config())
     assert names(result) == ["frictional_lag", "backlash"]
     assert result.effects[1].parameters["gap"].low <= gap <= result.effects[1].parameters["gap"].high
+
+
+@pytest.mark.parametrize("profile", ["speed_steps", "sine"])
+def test_of_a_film_that_is_squeezed_at_every_speed_alike_the_speed_is_not_told(profile) -> None:
+    """A spring in series with a damper that relaxes within a sample does nearly the same, and was told."""
+    periods = (8.0, 8.0) if profile == "speed_steps" else (1.0, 5.0)
+    drive = tuple(segment(t, psi, 16.0, profile) for psi in (60.0, 200.0) for t in periods)
+    hidden = (parse_effect("squeeze_film:size=0.04,speed=0.5"),)
+    run = simulate(Scenario(drive, "clean", 200.0, 0.01, 13, hidden))
+    assert np.abs(run.samples.velocity_m_s).max() < 0.25 * 0.55
+    result = diagnose([run.samples], Config())
+    assert names(result) == ["squeeze_film"]
+    told = result.effects[0].parameters
+    assert told.keys() == {"amplitude"}
+    assert told["amplitude"].low < run.effects[0]["amplitude"] < told["amplitude"].high
+    assert told["amplitude"].value == pytest.approx(run.effects[0]["amplitude"], rel=0.05)
+    assert result.unexplained_percent < 2.0

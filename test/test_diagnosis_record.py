@@ -168,6 +168,46 @@ def test_features_are_the_same_piece_by_piece(seed):
         )
 
 
+def test_kinks_of_a_drive_of_ramps_are_left_out():
+    """Which of two accelerations holds there lies between two samples."""
+    samples = recorded()
+    time = np.arange(len(samples)) / RATE_HZ
+    knots, speeds = [0.0, 0.5, 2.0, 2.5, 3.0, 3.505, 5.0, 6.0], [0.0, 1.0, 1.0, 0.4, 0.4, -1.0, -1.0, 0.0]
+    ramps = replace(samples, velocity_m_s=np.interp(time % 6.0, knots, speeds), position_m=None)
+    left_out = np.flatnonzero(~build_record([ramps], Config()).used[600:]) % 600
+    # The one that lies between two samples shows in both.
+    kinks = {0, 50, 200, 250, 300, 350, 351, 500}
+    assert set(left_out) == kinks
+
+
+def test_the_acceleration_of_ramps_is_theirs_but_at_kinks():
+    """No parabola reaches over a kink: it overshot by half of it in the sample after."""
+    time = np.arange(len(recorded())) / RATE_HZ
+    knots, speeds = np.array([0.0, 0.5, 2.0, 2.5, 3.003, 3.509, 5.0, 6.0]), [0.0, 1.0, 1.0, 0.4, 0.4, -1.0, -1.0, 0.0]
+    ramps = replace(recorded(), velocity_m_s=np.interp(time % 6.0, knots, speeds), position_m=None)
+    record = build_record([ramps], Config())
+    true = (np.diff(speeds) / np.diff(knots))[np.searchsorted(knots, (time - 1e-9) % 6.0) - 1]
+    used = np.flatnonzero(record.used)
+    np.testing.assert_allclose(record.features.acceleration_m_s2[used], true[used], atol=1e-6)
+
+
+@pytest.mark.parametrize("lattice", [0.0, 1e-3])
+@pytest.mark.parametrize("noise", [0.0, 1e-4, 1e-2])
+def test_no_smooth_drive_has_kinks_however_unlike_its_parts(noise, lattice):
+    """A tenth of it bends five hundred times as much as the rest."""
+    slow, fast = recorded(54.0, 8.0, noise), recorded(6.0, 1.0, noise)
+    both = replace(
+        recorded(),
+        velocity_m_s=np.concatenate([slow.velocity_m_s, 8.0 * fast.velocity_m_s]),
+        position_m=None,
+    )
+    if lattice:
+        both = replace(both, velocity_m_s=lattice * np.round(both.velocity_m_s / lattice))
+    left_out = ~build_record([both], Config()).used
+    moved = np.arange(len(both)) > 100
+    assert left_out[moved].sum() < 10
+
+
 def test_standstill_is_masked_and_said():
     samples = recorded()
     rests = np.abs(samples.velocity_m_s) < 0.4
@@ -180,7 +220,10 @@ def test_standstill_is_masked_and_said():
     )
     record = build_record([stuck], Config())
     np.testing.assert_array_equal(record.standstill, rests)
-    np.testing.assert_array_equal(record.used[50:], ~rests[50:])  # before that it has not run 4 % of its stroke
+    # Before that it has not run 4 % of its stroke; where it stops and starts at once its velocity has a kink.
+    starts = np.abs(np.diff(stuck.velocity_m_s, prepend=0.0)) > 0.2
+    jumps = starts | np.roll(starts, -1)
+    np.testing.assert_array_equal(record.used[50:], ~(rests | jumps)[50:])
     assert any("stands for" in note for note in assess(record, record.context(Config(), 1.0)).notes)
     moving = build_record([samples], Config()).standstill
     assert not moving[1:].any()  # the first sample comes before the shaft first moves

@@ -376,6 +376,21 @@ def test_a_slow_drive_has_the_traits_of_the_rig_alone(plant, drive) -> None:
     assert result.unexplained_percent < 2.0
 
 
+@pytest.mark.parametrize(
+    ("profile", "plant", "periods_s"), [("speed_steps", "clean", (8.0, 8.0)), ("triangle", "stribeck", (3.0, 6.0))]
+)
+def test_a_mass_under_a_drive_of_ramps_is_told_whole(profile, plant, periods_s) -> None:
+    """Half of what it explains was left: which acceleration holds at a kink lies between two samples."""
+    drive = tuple(segment(t, psi, 32.0, profile) for t, psi in zip(periods_s, (60.0, 200.0), strict=True))
+    run = simulate(Scenario(drive, plant, 200.0, 0.005, 11, (parse_effect("inertia:size=0.04"),)))
+    result = diagnose([run.samples], Config())
+    assert names(result) == ["inertia"]
+    mass = result.effects[0].parameters["mass"]
+    assert mass.low < run.effects[0]["mass"] < mass.high
+    assert mass.value == pytest.approx(run.effects[0]["mass"], rel=0.01)
+    assert result.unexplained_percent < 1.0
+
+
 def test_bristles_that_one_exponential_does_not_show_are_no_late_force() -> None:
     """It passes the screening, but brings a hundredth of what they do: a delay of 9 ms was told, at 100 Hz."""
     drive = tuple(segment(*part, "triangle") for part in ((3.0, 60.0, 30.0), (8.0, 200.0, 40.0)))

@@ -114,13 +114,14 @@ class Candidates:
             best = min(better, key=_cost)
 
     def _shorter(self, best: Candidate, form: Mapping[str, float]) -> list[dict[str, float]]:
-        """Return a form of a time of more than a sample as a short one, or nothing.
+        """Return a form of a time of more than a sample as a short one, and as half of it, or nothing.
 
         In the plainer form the base's memory may have made up for samples that are no part of the time.
         """
         if not best.effect.delays or best.term.params[best.effect.refined[0]] <= self.context.step_s:
             return []
-        return [dict(form) | {best.effect.refined[0]: SHORT * self.context.step_s}]
+        name = best.effect.refined[0]
+        return [dict(form) | {name: time} for time in (SHORT * self.context.step_s, 0.5 * best.term.params[name])]
 
     def _with_further(self, model: Model, best: Candidate) -> Candidate:
         """Return the candidate with more of the same in it, where that brings what a further cause must."""

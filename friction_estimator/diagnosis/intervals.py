@@ -152,7 +152,8 @@ def estimates(
                 step = 1e-4 * abs(theta[i]) + 1e-12
                 moved = theta.copy()
                 moved[i] += step
-                slope[i] = (values(moved)[name][0] - value) / step
+                there, _ = values(moved).get(name, centre[name])  # a step further it may not be told
+                slope[i] = (there - value) / step
             reach = float(np.sqrt(max(float(slope @ part @ slope), 0.0)))
             if np.any(slope[nothing] != 0.0):
                 reach = float("nan")

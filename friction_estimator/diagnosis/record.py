@@ -16,7 +16,7 @@ from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Ints, Sample
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import MARGIN, robust_top
 from friction_estimator.effects.extension import sign_velocity
-from friction_estimator.effects.features import Context, FeatureMaker, Features, stroke_ends
+from friction_estimator.effects.features import KINK, Context, FeatureMaker, Features, stroke_ends
 from friction_estimator.effects.grids import LONGEST_LENGTH
 from friction_estimator.effects.moments import features_at
 
@@ -32,6 +32,13 @@ STEEPEST = 0.999
 MOST_FORGOTTEN = 0.5
 """Share of the way from one turn that nobody saw to the next one that is left out at the most."""
 
+ROUNDING = 1e-6
+"""Of the largest velocity: a second difference of less is no kink."""
+BESIDE = (2, 3)
+"""Samples to each side of a kink that are compared with it: one between two samples shows in both."""
+MOST_KINKED = 0.15
+"""Share of the samples at kinks beyond which they are no exceptions."""
+
 
 @dataclass(frozen=True)
 class Record:
@@ -42,8 +49,8 @@ class Record:
     samples : all recordings in one, their stamps made increasing.
     features : of the samples.
     friction_N : (n,), measured, repaired where a repair was needed.
-    used : (n,) bool, False for samples that are masked: at standstill, after gaps that hide a reversal, and by faults
-        of the data.
+    used : (n,) bool, False for samples that are masked: at standstill, at kinks of the velocity, after gaps that
+        hide a reversal, and by faults of the data.
     restart : (n,) bool.
     block : (n,) int, number of the block, increasing; none reaches over two recordings.
     recording : (n,) int, number of the recording, from 0. Encoders may have another origin in each.
@@ -196,7 +203,9 @@ def build_record(recordings: Sequence[Samples], config: Config) -> Record:
             f"friction is constant at {config.quantities.text(samples.friction_N[0], FORCE)} in all {len(samples)} "
             "samples: there is nothing to explain; is it the right topic, axis or joint?"
         )
-    return described(samples, number, config)
+    record = described(samples, number, config)
+    # Asked of the velocity as it was recorded: one that is smoothed later has kinks where the windows change.
+    return record.with_force(record.friction_N, record.used & ~at_kinks(samples.velocity_m_s, samples.restart))
 
 
 def described(samples: Samples, recording: Ints, config: Config) -> Record:
@@ -228,6 +237,33 @@ def described(samples: Samples, recording: Ints, config: Config) -> Record:
         standstill=stands,
         reversal_speed_m_s=level,
     )
+
+
+def at_kinks(velocity_m_s: Floats, restart: Bools) -> Bools:
+    """Return the samples at kinks of the velocity, (n,); none where they are no exceptions.
+
+    Which of two accelerations holds there lies between two samples: what acts on it is unknown, and looks late. The
+    second difference stands out there, from that nearby, too: a faster part of the drive bends more everywhere.
+    """
+    bend = bends(velocity_m_s, restart)
+    padded = np.pad(bend, BESIDE[-1])
+    nearby = np.max([padded[BESIDE[-1] + k :][: bend.size] for d in BESIDE for k in (-d, d)], axis=0)
+    found = stands_out(bend) & (bend > np.maximum(KINK * nearby, ROUNDING * float(np.abs(velocity_m_s).max())))
+    return found if found.mean() < MOST_KINKED else np.zeros(found.size, np.bool_)
+
+
+def bends(velocity_m_s: Floats, restart: Bools) -> Floats:
+    """Return the second difference of the velocity about each sample, (n,), m/s; 0 where it has no neighbours."""
+    v, whole = velocity_m_s, ~restart
+    bend = np.zeros(v.size)
+    bend[1:-1] = np.abs(v[2:] - 2.0 * v[1:-1] + v[:-2]) * (whole[2:] & whole[1:-1])
+    return bend
+
+
+def stands_out(bend_m_s: Floats) -> Bools:
+    """Return where the second difference is far above the usual one, (n,), which noise and rounding have."""
+    some = bend_m_s > 0.0
+    return np.asarray(bend_m_s > KINK * (float(np.median(bend_m_s[some])) if some.any() else 0.0))
 
 
 def _forgotten(features: Features) -> Bools:

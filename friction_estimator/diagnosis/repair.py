@@ -12,7 +12,7 @@ from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base import BaseFit, fit_base, reference_of
 from friction_estimator.diagnosis.floor import pairs
 from friction_estimator.diagnosis.joint import Joint
-from friction_estimator.diagnosis.record import Record
+from friction_estimator.diagnosis.record import Record, bends, stands_out
 from friction_estimator.effects.base import EFFECTS, Effect
 from friction_estimator.effects.detection import DataView, Fault
 from friction_estimator.effects.features import Context
@@ -24,8 +24,8 @@ LEAST_LEFT = 0.3
 SLOPE_STEP = 1e-3
 """Share of the top speed, or of the pressures' range, over which a slope is taken."""
 
-KINK, LOUD = 8.0, 4.0
-"""Times the usual second difference of the velocity, and times the noise of the force, from which it is left out."""
+LOUD = 4.0
+"""Times the noise of the force, from which what a kink of the velocity makes is left out, and what lies about it."""
 AROUND = 5
 """Samples to each side of a kink that are left out: a time of the force may shift it there."""
 MOST_KINKS = 0.002
@@ -93,8 +93,8 @@ def confirmed(
     for fault in found:
         if fault.name in again and fault.used is not None:
             back = record.with_force(record.friction_N, record.used | ~fault.used)
-            view = view_of(back, context, [f for f in found if f is not fault])
-            if again[fault.name].detect(replace(view, residual_N=final.residual_N)) is None:
+            view = left_by(back, context, final, [f for f in found if f is not fault])
+            if again[fault.name].detect(view) is None:
                 continue
         out.append(fault)
     return out
@@ -105,7 +105,7 @@ def concealed(
 ) -> list[Fault]:
     """Return the spoiled samples that only show in what the last model leaves: the base model's error was larger."""
     known = {fault.name for fault in found}
-    view = replace(view_of(record, context, found), residual_N=final.residual_N)
+    view = left_by(record, context, final, found)
     asked = [cls for name, cls in catalogue.items() if cls.detects_at == "residual" and name not in known]
     faults = [cls.detect(view) for cls in asked]
     return [fault for fault in faults if fault is not None and fault.used is not None]
@@ -160,15 +160,12 @@ def kinked(record: Record, force_slope: Floats, residual_N: Floats) -> Bools:
     is unknown by up to a quarter of its second difference, and the force by that times dF/dv: such samples say nothing
     of a time of the force, and are as wrong as they are loud.
     """
-    v, whole = record.features.velocity_m_s, ~record.restart
-    bend = np.zeros(v.size)
-    bend[1:-1] = np.abs(v[2:] - 2.0 * v[1:-1] + v[:-2]) * (whole[2:] & whole[1:-1])
-    usual = float(np.median(bend[bend > 0.0])) if np.any(bend > 0.0) else 0.0
+    bend = bends(record.features.velocity_m_s, record.restart)
     noise = 1.4826 * float(np.median(np.abs(residual_N[record.used])))
     near = np.maximum.reduce([np.abs(force_slope), np.abs(np.roll(force_slope, 1)), np.abs(np.roll(force_slope, -1))])
-    hit = (bend > KINK * usual) & (0.25 * bend * near > LOUD * noise)
+    hit = stands_out(bend) & (0.25 * bend * near > LOUD * noise)
     if float(hit.mean()) > MOST_KINKS:
-        return np.zeros(v.size, np.bool_)
+        return np.zeros(bend.size, np.bool_)
     return np.asarray(np.convolve(hit, np.ones(2 * AROUND + 1), "same") > 0.5)
 
 

@@ -15,6 +15,9 @@ from friction_estimator.effects.kernels import maxwell
 from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.trace import Trace
 
+SHORTEST_RELAXATION = 2.0
+"""Sample periods: in less a spring in series with a damper only takes away mass, as a film that is squeezed does."""
+
 
 @effect
 class Inertia(Effect):
@@ -193,7 +196,7 @@ class ViscoelasticRelaxation(Effect):
     @classmethod
     def grid(cls, context: Context) -> list[dict[str, float]]:
         """Time constants from two samples to what the record can show, at most ten of the longest period."""
-        low = 2.0 * context.step_s
+        low = SHORTEST_RELAXATION * context.step_s
         longest = min(10.0 * max(context.periods_s, default=np.inf), longest_relaxation_s(context))
         return chosen(geometric(low, max(longest, 2.0 * low), 2.2), "time_constant")
 
@@ -204,7 +207,9 @@ class ViscoelasticRelaxation(Effect):
 
     @classmethod
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
-        """A time that the record does not go through several times is that of a spring."""
+        """A spring beyond what the record goes through several times; below two samples it only takes away mass."""
+        if params["time_constant"] < SHORTEST_RELAXATION * context.step_s:
+            return f"its time constant of {params['time_constant']:.3g} s is below two sample periods"
         if params["time_constant"] > longest_relaxation_s(context) * (1.0 + 1e-6):
             return (
                 f"its time constant of {params['time_constant']:.3g} s is beyond a fifth of the record, or beyond its "

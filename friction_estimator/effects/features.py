@@ -60,7 +60,8 @@ class Features:
     time_s : recorded time since the first sample of all; gaps and pauses are in it.
     step_s : time to the previous sample; 0 where the delay lines restart.
     velocity_m_s, previous_m_s : velocity at this sample and at the one before.
-    acceleration_m_s2 : slope at the sample of the parabola through it and the two before, whatever their steps.
+    acceleration_m_s2 : slope at the sample of the parabola through it and the two before, whatever their steps; after a
+        kink of the velocity that of the line through it and the one before.
     pressure_Pa : gauge pressure. temperature_degC : degree Celsius.
     position_m : recorded, else the integral of the velocity.
     distance_m : distance run since the first sample.
@@ -119,12 +120,17 @@ class Features:
     ACTIVE,
     USUAL_STEP,
     PIECES,
-) = range(15)
+    BENT,
+    BENT_BEFORE,
+) = range(17)
 """Places in the state: the last two velocities, the last stamp, position, distance, distance and time since the last
 reversal, direction now, samples since a restart, direction of the stroke, distance and time since what may be a
-reversal, running time, the last step, and pieces."""
+reversal, running time, the last step, pieces, and the last two curvatures."""
 
-STATE = 15
+KINK = 8.0
+"""Times the curvature of two samples before, from which the velocity is taken to have a kink since."""
+
+STATE = 17
 
 
 @njit(cache=True)
@@ -170,7 +176,13 @@ def _features(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
             if state[SAMPLES] >= 2.0:
                 last = state[USUAL_STEP]
                 slope, slope_before = (v - v1) / dt, (v1 - state[BEFORE_THAT]) / last
-                acceleration[k] = slope + (slope - slope_before) * dt / (dt + last)
+                bent = (slope - slope_before) / (dt + last)
+                acceleration[k] = slope
+                # A parabola that reaches over a kink would overshoot by half of it.
+                if state[SAMPLES] < 4.0 or abs(bent) <= KINK * abs(state[BENT_BEFORE]):
+                    acceleration[k] += dt * bent
+                state[BENT_BEFORE] = state[BENT]
+                state[BENT] = bent
             else:
                 acceleration[k] = (v - v1) / dt
             state[ACTIVE] += dt

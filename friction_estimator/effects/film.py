@@ -6,7 +6,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from friction_estimator.core.quantities import VELOCITY, quantity
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import REVERSAL, Effect, Film, Key, Params, Words, chosen, effect, form_key
 from friction_estimator.effects.columns import Columns
@@ -15,6 +14,9 @@ from friction_estimator.effects.grids import beyond_time, times
 from friction_estimator.effects.kernels import DELAY_LINE, LEAST_FILM, delayed, film_speed, film_way, on_film
 from friction_estimator.effects.reference import FORCE, THEORY, Reference
 from friction_estimator.effects.trace import Trace
+
+ALIKE = 4.0
+"""Times the top speed of the drive: a film squeezed up to this speed acts at all of its speeds alike, to 6 %."""
 
 
 @effect
@@ -61,6 +63,11 @@ class SqueezeFilm(Effect):
         return chosen(context.top_speed_m_s / np.array([60.0, 30.0, 15.0, 8.0, 4.0]), "speed")
 
     @classmethod
+    def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
+        """Never far above the top speed: from there on it acts at every speed alike."""
+        return (value / 2.5, max(min(value * 2.5, ALIKE * context.top_speed_m_s), value / 2.0))
+
+    @classmethod
     def columns(cls, params: Params) -> Columns:
         """Return -a / (1 + (v / v_f)^2), and where both shapes are asked for that with a Gaussian of the speed."""
         both = params.get("both", 0.0) >= 0.5
@@ -78,16 +85,10 @@ class SqueezeFilm(Effect):
         return [dict(params) | {"both": 1.0}]
 
     @classmethod
-    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
-        """Amplitude and speed."""
-        return {"amplitude": (float(np.sum(weights)), "kg"), "speed": (params["speed"], "m/s")}
-
-    @classmethod
-    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
-        """Above the top speed it would act at every speed, and be inertia of the other sign."""
-        if params["speed"] > context.top_speed_m_s:
-            return f"its speed of {quantity(params['speed'], VELOCITY, '.3g')} is above the largest of the drive"
-        return None
+    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:
+        """Amplitude and speed; a speed above the largest of the drive is not told: it may be any."""
+        told = {"amplitude": (float(np.sum(weights)), "kg")}
+        return told if params["speed"] > context.top_speed_m_s else told | {"speed": (params["speed"], "m/s")}
 
     signs = (1,)
     positive = ("amplitude",)

@@ -36,6 +36,11 @@ CROWD = 0.3
 ONE_PLACE = 0.02
 """Share of the samples that lie between hits, too few to crowd, of one cause: a scratch, or what comes after a turn."""
 
+AGAIN = 0.5
+"""Of a hit, what a cycle later must be off as well for it to have come again."""
+MOSTLY = 0.5
+"""Of the hits that are seen a cycle apart, the share that must come again for those that are not to do so."""
+
 
 @effect
 class Dropout(Effect):
@@ -179,8 +184,9 @@ class Outliers(Effect):
 
         Steps of a coarse lattice scatter by a twelfth of their square, however seldom the residual shows it. And a
         spike is more than the model's own force changes by from one sample to the next: an error of time, a sample
-        long, makes as much. Samples that are not used are passed over; after them, and after a gap, a spike must stand
-        out from those that follow it as well: where a value was held, the error comes back as another one, and stays.
+        long, makes as much. Nor is what comes again with the drive a spike. Samples that are not used are passed over;
+        after them, and after a gap, a spike must stand out from those that follow it as well: where a value was held,
+        the error comes back as another one, and stays.
         """
         residual, used = view.residual_N, view.used
         if residual is None or any(fault.conceals for fault in view.found):
@@ -204,6 +210,7 @@ class Outliers(Effect):
             neighbours[:-shift] += size[shift:] > np.maximum(3.5, 0.5 * size[:-shift])
         hit &= neighbours == 0
         hit &= ~_gathered(view, hit)
+        hit &= ~_repeated(view, hit, innovation)
         count = int(hit.sum())
         power = float(np.square(innovation[hit]).sum()) / max(int(used.sum()), 1)
         total = float(np.mean(np.square(residual[used])))
@@ -261,6 +268,26 @@ def _gathered(view: DataView, hit: Bools) -> Bools:
         crowd = np.bincount(cell[hit], minlength=25)
         out |= (crowd > max(3.0, CROWD * float(hit.sum())))[cell]
     return out & hit
+
+
+def _repeated(view: DataView, hit: Bools, innovation: Floats) -> Bools:
+    """Return which hits come again with the drive, (n,): steps of its speed may make them, interference does not.
+
+    A hit comes again where its partner, or a neighbour of that, is off the same way by half as much. Where most of
+    those that have a partner do, so do the others, whose partners were not recorded.
+    """
+    out, known = np.zeros(hit.size, np.bool_), np.zeros(hit.size, np.bool_)
+    if view.pairs is None:
+        return out
+    padded = np.pad(innovation, 1)
+    for one, other in (view.pairs, view.pairs[::-1]):
+        here, there = one[hit[one]], other[hit[one]]
+        near = np.column_stack([padded[there], padded[there + 1], padded[there + 2]])
+        way = np.sign(innovation[here])
+        again = (near * way[:, None]).max(axis=1, initial=0.0) > AGAIN * np.abs(innovation[here])
+        known[here] = True
+        out[here[again]] = True
+    return out | hit & ~known if out.sum() > MOSTLY * known.sum() else out
 
 
 def _at_one_place(view: DataView, hit: Bools) -> bool:
