@@ -168,13 +168,18 @@ def test_features_are_the_same_piece_by_piece(seed):
         )
 
 
+def ramped(knots_s, speeds):
+    """A velocity that is linear between knots, again and again from the last one on, and its acceleration."""
+    knots, time = np.array(knots_s), np.arange(len(recorded())) / RATE_HZ
+    velocity = np.interp(time % knots[-1], knots, speeds)
+    slope = (np.diff(speeds) / np.diff(knots))[np.searchsorted(knots, (time - 1e-9) % knots[-1]) - 1]
+    return replace(recorded(), velocity_m_s=velocity, position_m=None), slope
+
+
 def test_kinks_of_a_drive_of_ramps_are_left_out():
     """Which of two accelerations holds there lies between two samples."""
-    samples = recorded()
-    time = np.arange(len(samples)) / RATE_HZ
-    knots, speeds = [0.0, 0.5, 2.0, 2.5, 3.0, 3.505, 5.0, 6.0], [0.0, 1.0, 1.0, 0.4, 0.4, -1.0, -1.0, 0.0]
-    ramps = replace(samples, velocity_m_s=np.interp(time % 6.0, knots, speeds), position_m=None)
-    left_out = np.flatnonzero(~build_record([ramps], Config()).used[600:]) % 600
+    samples, _ = ramped([0.0, 0.5, 2.0, 2.5, 3.0, 3.505, 5.0, 6.0], [0.0, 1.0, 1.0, 0.4, 0.4, -1.0, -1.0, 0.0])
+    left_out = np.flatnonzero(~build_record([samples], Config()).used[600:]) % 600
     # The one that lies between two samples shows in both.
     kinks = {0, 50, 200, 250, 300, 350, 351, 500}
     assert set(left_out) == kinks
@@ -182,11 +187,8 @@ def test_kinks_of_a_drive_of_ramps_are_left_out():
 
 def test_the_acceleration_of_ramps_is_theirs_but_at_kinks():
     """No parabola reaches over a kink: it overshot by half of it in the sample after."""
-    time = np.arange(len(recorded())) / RATE_HZ
-    knots, speeds = np.array([0.0, 0.5, 2.0, 2.5, 3.003, 3.509, 5.0, 6.0]), [0.0, 1.0, 1.0, 0.4, 0.4, -1.0, -1.0, 0.0]
-    ramps = replace(recorded(), velocity_m_s=np.interp(time % 6.0, knots, speeds), position_m=None)
-    record = build_record([ramps], Config())
-    true = (np.diff(speeds) / np.diff(knots))[np.searchsorted(knots, (time - 1e-9) % 6.0) - 1]
+    samples, true = ramped([0.0, 0.5, 2.0, 2.5, 3.003, 3.509, 5.0, 6.0], [0.0, 1.0, 1.0, 0.4, 0.4, -1.0, -1.0, 0.0])
+    record = build_record([samples], Config())
     used = np.flatnonzero(record.used)
     np.testing.assert_allclose(record.features.acceleration_m_s2[used], true[used], atol=1e-6)
 

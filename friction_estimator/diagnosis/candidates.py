@@ -33,8 +33,8 @@ MOVABLE = 0.3
 """Mean delay of the base's memory, in samples, from which it may be what a time of the whole force should have: a
 comb of minima a sample apart. Less is the rig's own."""
 
-SHORT = 0.1
-"""Samples from which another form of a long time is begun, too."""
+SHORT, LESS = 0.1, 0.5
+"""Samples, and share of the time, from which another form of a long time is begun, too."""
 
 
 def _cost(one: Candidate) -> float:
@@ -114,14 +114,15 @@ class Candidates:
             best = min(better, key=_cost)
 
     def _shorter(self, best: Candidate, form: Mapping[str, float]) -> list[dict[str, float]]:
-        """Return a form of a time of more than a sample as a short one, and as half of it, or nothing.
+        """Return a form of a time of more than a sample at shorter ones, or nothing.
 
         In the plainer form the base's memory may have made up for samples that are no part of the time.
         """
-        if not best.effect.delays or best.term.params[best.effect.refined[0]] <= self.context.step_s:
+        if not best.effect.delays:
             return []
-        name = best.effect.refined[0]
-        return [dict(form) | {name: time} for time in (SHORT * self.context.step_s, 0.5 * best.term.params[name])]
+        name, step = best.effect.refined[0], self.context.step_s
+        time = best.term.params[name]
+        return [dict(form) | {name: shorter} for shorter in (SHORT * step, LESS * time) if time > step]
 
     def _with_further(self, model: Model, best: Candidate) -> Candidate:
         """Return the candidate with more of the same in it, where that brings what a further cause must."""

@@ -10,7 +10,7 @@ from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import Effect, Key, Params, Words, chosen, effect, form_key
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
-from friction_estimator.effects.grids import geometric, longest_relaxation_s
+from friction_estimator.effects.grids import below, geometric, longest_relaxation_s
 from friction_estimator.effects.kernels import maxwell
 from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.trace import Trace
@@ -203,7 +203,7 @@ class ViscoelasticRelaxation(Effect):
     @classmethod
     def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
         """Never beyond what the record can show: a longer one is a spring."""
-        return (value / 2.5, max(min(value * 2.5, longest_relaxation_s(context)), value / 2.0))
+        return below(value, longest_relaxation_s(context))
 
     @classmethod
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003

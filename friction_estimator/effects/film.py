@@ -10,7 +10,7 @@ from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import REVERSAL, Effect, Film, Key, Params, Words, chosen, effect, form_key
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
-from friction_estimator.effects.grids import beyond_time, times
+from friction_estimator.effects.grids import below, beyond_time, times
 from friction_estimator.effects.kernels import DELAY_LINE, LEAST_FILM, delayed, film_speed, film_way, on_film
 from friction_estimator.effects.reference import FORCE, THEORY, Reference
 from friction_estimator.effects.trace import Trace
@@ -65,7 +65,7 @@ class SqueezeFilm(Effect):
     @classmethod
     def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
         """Never far above the top speed: from there on it acts at every speed alike."""
-        return (value / 2.5, max(min(value * 2.5, ALIKE * context.top_speed_m_s), value / 2.0))
+        return below(value, ALIKE * context.top_speed_m_s)
 
     @classmethod
     def columns(cls, params: Params) -> Columns:

@@ -96,6 +96,11 @@ def beyond_length(what: str, value_m: float, context: Context) -> str | None:
     return None
 
 
+def below(value: float, most: float) -> tuple[float, float]:
+    """Return the range about a value in which it is sought: up to `most`, but never to less than half of the value."""
+    return value / 2.5, max(min(value * 2.5, most), value / 2.0)
+
+
 def longest_piece_s(context: Context) -> float:
     """Return the longest time without a gap, s; the whole record where the context does not know it."""
     return context.longest_piece_s or context.duration_s
