@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from friction_estimator.core.sample import Samples
 from friction_estimator.diagnosis.diagnose import Diagnosis
 from friction_estimator.diagnosis.result import Found
-from friction_estimator.effects import Effect, parse_effect
+from friction_estimator.effects import EFFECTS, Effect, parse_effect
 from friction_estimator.rig.drive import Segment, segment
 from friction_estimator.rig.simulate import Scenario, simulate
 
@@ -30,6 +30,11 @@ def record(
     """Return 64 s at 200 Hz with effects hidden in it."""
     hidden = tuple(parse_effect(e) if isinstance(e, str) else e for e in effects)
     return simulate(Scenario(segments or abba(), plant, 200.0, noise, seed, hidden)).samples
+
+
+def chosen(*names: str) -> dict[str, type[Effect]]:
+    """Return a catalogue of these alone: what is hidden, what a plant has, and what was told instead. Half the time."""
+    return {name: EFFECTS[name] for name in names}
 
 
 def names(result: Diagnosis) -> list[str]:

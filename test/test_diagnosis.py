@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from diagnosis_records import abba, names, record, set_of
+from diagnosis_records import abba, chosen, names, record, set_of
 from measured_seals import WITHOUT_THEORY, check_measured_seal
 
 from friction_estimator.bag.table import TableSpec, read_table
@@ -292,7 +292,7 @@ def test_a_gain_that_steps_in_the_first_lap_of_a_measured_ball_screw_is_named(sh
     after = measured.stamp_ns - measured.stamp_ns[0] > 4_013_000_000
     stepped = replace(measured, friction_N=np.where(after, 1.107, 1.0) * measured.friction_N)
     some = ("direction_asymmetry", "gain_step", "bias_step", "time_delay", "sensor_lowpass")
-    result = diagnose([stepped], settings, catalogue={name: EFFECTS[name] for name in some})
+    result = diagnose([stepped], settings, catalogue=chosen(*some))
     found = {e.name: e for e in result.effects}
     assert "gain_step" in found
     assert found["gain_step"].parameters["step"].value == pytest.approx(0.107, rel=0.15)

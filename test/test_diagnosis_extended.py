@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnosis_records import record
+from diagnosis_records import chosen, record
 
 from friction_estimator.cli.main import main
 from friction_estimator.core.errors import ConfigError
@@ -16,7 +16,7 @@ from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.diagnose import Diagnosis, diagnose
 from friction_estimator.diagnosis.extend import extended_config, is_offered
 from friction_estimator.documents.configuration import read_config, write_config
-from friction_estimator.effects import EFFECTS, parse_effect
+from friction_estimator.effects import parse_effect
 from friction_estimator.effects.extension import ExtensionTerms, extension_from_config
 from friction_estimator.effects.term import parse_term
 from friction_estimator.rig.drive import Segment, segment
@@ -138,7 +138,7 @@ def test_frozen_it_predicts_as_well_as_the_fit(plant, hidden, rate_hz, segments,
     effects = tuple(parse_effect(e) for e in hidden)
     learned, judged = (simulate(Scenario(s, plant, rate_hz, 0.01, 3, effects)).samples for s in (segments, other))
     traits = ("direction_asymmetry", "frictional_lag", "pressure_dependence")
-    found = diagnose([learned], Config.from_mapping(SEAL), catalogue={name: EFFECTS[name] for name in traits})
+    found = diagnose([learned], Config.from_mapping(SEAL), catalogue=chosen(*traits))
     assert found.total_gain is not None
     frozen = extended_config(found).updated({"model.adapt": False})
     for samples in (learned, judged):
@@ -182,7 +182,7 @@ def frozen_is_the_fit(drive: tuple[Segment, ...], plant: str, theory: str, hidde
     samples = simulate(Scenario(drive, plant, 200.0, 0.01, 3, effects)).samples
     names = {e.name for e in effects} | {"frictional_lag", "presliding"}
     given = Config.from_mapping({"theory.kind": theory})
-    found = diagnose([samples], given, catalogue={name: EFFECTS[name] for name in names})
+    found = diagnose([samples], given, catalogue=chosen(*names))
     assert {e.name for e in effects} <= {cause.name for cause in found.effects}
     frozen = extended_config(found).updated({"model.adapt": False})
     predicted = replay(samples, frozen, extension=extension_from_config(frozen)).predicted_N

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from diagnosis_records import LONG_ABBA, names, record
+from diagnosis_records import LONG_ABBA, chosen, names, record
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import BaseProblem
@@ -15,7 +15,7 @@ from friction_estimator.diagnosis.guards import FORMS_SHARE
 from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import build_record
-from friction_estimator.effects import EFFECTS, Effect, parse_effect
+from friction_estimator.effects import EFFECTS, parse_effect
 from friction_estimator.rig.drive import Segment, segment
 from friction_estimator.rig.simulate import Scenario, simulate
 
@@ -26,10 +26,6 @@ TWO_PERIODS = (segment(1.0, 50.0, 16.0), segment(4.0, 50.0, 24.0))
 UNLIKE = "direction_asymmetry:asymmetry=0.3"
 
 FOUR_SEGMENTS = tuple(segment(t, psi, s) for psi in (50.0, 200.0) for t, s in ((1.0, 10.0), (5.0, 20.0)))
-
-
-def chosen(*names: str) -> dict[str, type[Effect]]:
-    return {name: EFFECTS[name] for name in names}
 
 
 def candidates(plant: str, *effects: str) -> Candidates:
@@ -181,7 +177,9 @@ def test_a_lag_is_found_beside_a_squeezed_film() -> None:
         "squeeze_film:amplitude=1.7,speed=0.0155,form=1",
         "periodic_disturbance:amplitude=0.25,frequency=8.7,form=1",
     ]
-    result = diagnose([record(hidden, plant="film_lag", seed=8, segments=LONG_ABBA)], Config())
+    some = chosen("periodic_disturbance", "frictional_lag", "squeeze_film", "inertia", "presliding", "velocity_delay")
+    data = record(hidden, plant="film_lag", seed=8, segments=LONG_ABBA)
+    result = diagnose([data], Config(), catalogue=some)
     assert set(names(result)) == {"periodic_disturbance", "frictional_lag", "squeeze_film"}
     (lag,) = (e.parameters["lag"] for e in result.effects if e.name == "frictional_lag")
     assert lag.low < 0.006 < lag.high
@@ -191,9 +189,9 @@ def test_a_lag_is_found_beside_a_squeezed_film() -> None:
 def test_a_velocity_behind_a_filter_is_found_beside_a_lag_where_a_delay_of_many_samples_fits_as_well() -> None:
     """Its filter was begun at the delay's 7 ms, where it is none: 53 % were told as left."""
     segments = (segment(4.0, 100.0, 40.0), segment(1.0, 200.0, 30.0))
-    result = diagnose(
-        [record(["velocity_delay:delay=0.0004,form=1"], plant="film_lag", seed=12, segments=segments)], Config()
-    )
+    data = record(["velocity_delay:delay=0.0004,form=1"], plant="film_lag", seed=12, segments=segments)
+    some = chosen("frictional_lag", "velocity_delay", "time_delay", "sensor_lowpass", "inertia", "squeeze_film")
+    result = diagnose([data], Config(), catalogue=some)
     assert names(result) == ["frictional_lag", "velocity_delay"]
     assert result.effects[1].parameters["delay"].value == pytest.approx(0.0004, abs=1e-4)
     assert result.unexplained_percent < 2.0
@@ -203,7 +201,8 @@ def test_a_velocity_behind_a_filter_is_found_beside_a_lag_where_a_delay_of_many_
 def test_a_gap_that_only_the_slow_drive_shows_is_one_beside_a_lagging_film(gap: float) -> None:
     """The fast drive is beyond it at the first sample; bristles of 0.6 um were told."""
     data = record([f"backlash:gap={gap}"], plant="film_lag", segments=LONG_ABBA, noise=0.02, seed=7)
-    result = diagnose([data], Config())
+    some = chosen("frictional_lag", "backlash", "presliding", "breakaway", "inertia", "time_delay")
+    result = diagnose([data], Config(), catalogue=some)
     assert names(result) == ["frictional_lag", "backlash"]
     assert result.effects[1].parameters["gap"].low <= gap <= result.effects[1].parameters["gap"].high
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_records import abba, record
+from diagnosis_records import abba, chosen, record
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import BaseProblem
@@ -100,7 +100,7 @@ def test_a_step_in_samples_that_are_set_aside_is_known_to_their_ends() -> None:
     """At 30 s the drive stands still between two periods: no sample that counts tells one moment from the next."""
     segments = tuple(segment(t, 29.0, s) for _ in range(4) for t, s in ((1.0, 5.0), (5.0, 10.0)))
     samples = record(["bias_step:step=0.4,at=30.0"], segments=segments, seed=925)
-    some = {name: EFFECTS[name] for name in ("bias_step", "pressure_dependence")}
+    some = chosen("bias_step", "pressure_dependence")
     (found,) = diagnose([samples], Config(), catalogue=some).effects
     at = found.parameters["at"]
     assert at.low < 30.0 < at.high

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_records import record, set_of
+from diagnosis_records import chosen, record, set_of
 
 from friction_estimator.core.sample import Floats, Samples
 from friction_estimator.core.settings.config import Config
@@ -84,7 +84,7 @@ def test_a_slow_change_that_goes_on_within_each_pressure_is_no_matter_of_the_pre
     """With pressures in one order either is in the other's set."""
     segments = tuple(segment(t, p, s) for p in psi for t, s in ((1.0, 10.0), (5.0, 15.0)))
     name = hidden.split(":")[0]
-    both = {n: EFFECTS[n] for n in ("viscosity_drift", "pressure_dependence")}
+    both = chosen("viscosity_drift", "pressure_dependence")
     (one,) = diagnose([record([hidden], segments=segments)], Config(), catalogue=both).effects
     assert one.name == name
     assert set_of(one) == set(both)
@@ -101,7 +101,7 @@ def test_a_step_beside_a_dependence_on_the_pressure_is_named_if_it_is_within_one
     """The rig depends on its pressures, which come in one order: 50, 125 and 200 psi from 0, 22 and 44 s on."""
     segments = tuple(segment(t, p, s) for p in (50.0, 125.0, 200.0) for t, s in ((1.0, 7.0), (5.0, 15.0)))
     own = PLANTS["rig"].traits
-    some = {name: EFFECTS[name] for name in (*own, "bias_step")}
+    some = chosen(*own, "bias_step")
     data = record([f"bias_step:step=0.5,at={at}"], plant="rig", segments=segments)
     result = diagnose([data], Config.from_mapping({"theory.kind": "seal"}), catalogue=some)
     told = {effect.name: effect for effect in result.effects}

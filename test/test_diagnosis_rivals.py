@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from diagnosis_records import chosen
 
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
@@ -50,7 +51,7 @@ def against(
 ) -> dict[str, Alike]:
     record, context, model = fitted(samples)
     evidence = model.evidence(record, 0)
-    catalogue = {other: EFFECTS[other] for other in others}
+    catalogue = chosen(*others)
     library = build_library(catalogue, model.features, model.reference, context, evidence)
     return alike(evidence, library, scale * weight * column(name, model, context))
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_records import LONG_ABBA, abba, names, record, set_of
+from diagnosis_records import LONG_ABBA, abba, chosen, names, record, set_of
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import Capacity
@@ -18,6 +18,7 @@ from friction_estimator.diagnosis.record import build_record
 from friction_estimator.diagnosis.search import Searcher, _Found
 from friction_estimator.diagnosis.time_alone import FEWEST, TimeAlone, _alike
 from friction_estimator.effects import EFFECTS, parse_effect
+from friction_estimator.effects.base import SLOW
 from friction_estimator.rig.drive import segment
 from friction_estimator.rig.plant import PLANTS
 from friction_estimator.rig.simulate import Scenario, simulate
@@ -25,6 +26,9 @@ from friction_estimator.rig.simulate import Scenario, simulate
 IN_ORDER = tuple(segment(t, psi, s) for psi in (50.0, 100.0, 200.0) for t, s in ((1.0, 8.0), (5.0, 12.0)))
 MULTISINES = (segment(8.0, 50.0, 40.0, "multisine"), segment(8.0, 200.0, 40.0, "multisine"))
 ONE_PRESSURE = (segment(1.0, 50.0, 20.0), segment(5.0, 50.0, 40.0))
+
+SLOW_CAUSES = tuple(name for name, cls in EFFECTS.items() if cls.acts == SLOW)
+TIMES = tuple(name for name, cls in EFFECTS.items() if cls.delays)
 
 
 @pytest.mark.parametrize(
@@ -46,7 +50,7 @@ def test_without_one_cause_the_models_still_add_one_at_a_time(place) -> None:
     config = Config.from_mapping({"theory.kind": "seal"})
     data = build_record([record(["inertia:mass=0.3", "sensor_bias:bias=0.3"])], config)
     context = data.context(config, float(np.abs(data.friction_N).max()))
-    searcher = Searcher(data, config, context, {n: EFFECTS[n] for n in ("inertia", "sensor_bias")}, 0)
+    searcher = Searcher(data, config, context, chosen("inertia", "sensor_bias"), 0)
     found = _Found([searcher.fits.base()])
     searcher._extend(found, lambda _stage, _part: None)
     assert {c.name for c in found.causes} == {"inertia", "sensor_bias"}
@@ -62,7 +66,7 @@ def test_without_one_cause_the_models_still_add_one_at_a_time(place) -> None:
 def test_a_bias_is_named_beside_directions_that_are_unlike() -> None:
     """The asymmetry's free shapes take up most of a bias; at standstill and reversals they cannot."""
     hidden = ["direction_asymmetry:asymmetry=0.3", "sensor_bias:bias=0.3"]
-    both = {name: EFFECTS[name] for name in ("direction_asymmetry", "sensor_bias")}
+    both = chosen("direction_asymmetry", "sensor_bias")
     found = diagnose([record(hidden)], Config(), catalogue=both)
     assert set(names(found)) == set(both)
     bias = next(e for e in found.effects if e.name == "sensor_bias").parameters["bias"]
@@ -72,7 +76,7 @@ def test_a_bias_is_named_beside_directions_that_are_unlike() -> None:
 @pytest.mark.parametrize("hidden", [[], ["breakaway:size=0.04,length=3e-5"]])
 def test_an_alternative_is_a_cause_of_its_own_where_the_first_one_leaves_much(hidden) -> None:
     """Bristles are this plant's own; breakaway is of the same family."""
-    some = {name: EFFECTS[name] for name in ("presliding", "breakaway")}
+    some = chosen("presliding", "breakaway")
     found = diagnose([record(hidden, plant="maxwell_slip")], Config(), catalogue=some)
     assert names(found) == (list(some) if hidden else ["presliding"])
 
@@ -88,7 +92,7 @@ def test_an_alternative_is_a_cause_of_its_own_where_the_first_one_leaves_much(hi
 )
 def test_what_another_form_of_a_cause_leaves_is_no_further_one(hidden, plant, noise, segments, others) -> None:
     data = record([hidden], plant=plant, noise=noise, segments=segments)
-    found = diagnose([data], Config(), catalogue={name: EFFECTS[name] for name in others})
+    found = diagnose([data], Config(), catalogue=chosen(*others))
     assert set(names(found)) == set(others[:-1])
 
 
@@ -101,13 +105,13 @@ def test_what_another_form_of_a_cause_leaves_is_no_further_one(hidden, plant, no
 )
 def test_a_cause_that_resembles_another_form_of_a_trait_is_named_beside_it(hidden, plant, noise, trait) -> None:
     name = hidden.split(":")[0]
-    both = {n: EFFECTS[n] for n in (trait, name)}
+    both = chosen(trait, name)
     assert names(diagnose([record([hidden], plant=plant, noise=noise)], Config(), catalogue=both)) == [trait, name]
 
 
 def test_a_spring_is_named_beside_a_bias() -> None:
     """A bias that went with the position would be the spring."""
-    both = {n: EFFECTS[n] for n in ("sensor_bias", "side_spring")}
+    both = chosen("sensor_bias", "side_spring")
     data = record(["sensor_bias:bias=0.5", "side_spring:size=0.02"], noise=0.03)
     assert names(diagnose([data], Config(), catalogue=both)) == list(both)
 
@@ -126,7 +130,7 @@ def test_a_gap_of_one_sample_is_named_although_a_drive_of_whole_periods_shows_it
 
 
 def test_what_explains_as_much_but_of_no_known_size_stays_a_rival() -> None:
-    some = {name: EFFECTS[name] for name in ("presliding", "time_delay")}
+    some = chosen("presliding", "time_delay")
     data = record(["backlash:gap=2.592e-6,form=1"], segments=(segment(2.0, 50.0, 50.0),))
     (found,) = diagnose([data], Config(), catalogue=some).effects
     assert (found.name, found.rivals) == ("time_delay", ("presliding",))
@@ -146,7 +150,7 @@ def test_bristles_that_never_slip_are_no_presliding() -> None:
 def test_a_likeness_is_a_rival_where_more_is_left_than_the_two_differ_by() -> None:
     """The rig is rougher than the theory: wear there has the shape that the theory's viscous part has (0190)."""
     traits = ("direction_asymmetry", "pressure_dependence", "frictional_lag")
-    some = {name: EFFECTS[name] for name in (*traits, "wear", "viscosity_drift")}
+    some = chosen(*traits, "wear", "viscosity_drift")
     samples = record(["wear:size=0.08,length=0.5,form=1"], plant="rig", segments=abba()[:4])
     slow = [one for one in diagnose([samples], Config(), catalogue=some).effects if one.name not in traits]
     assert slow
@@ -195,7 +199,7 @@ def test_noise_that_rises_in_a_tenth_of_a_record_is_no_change_in_time_and_no_spi
     ],
 )
 def test_the_set_of_a_slow_change_in_noise(plant, hidden, noise, seed, told) -> None:
-    some = {name: EFFECTS[name] for name in ("wear", "viscosity_drift", "gain_step")}
+    some = chosen("wear", "viscosity_drift", "gain_step")
     (found,) = diagnose([record([hidden], plant=plant, noise=noise, seed=seed)], Config(), catalogue=some).effects
     assert set_of(found) == told
 
@@ -216,7 +220,7 @@ def test_a_difference_below_what_no_cause_explains_makes_a_rival() -> None:
 )
 def test_unlike_memories_of_a_curve_are_no_cause(hidden, wrong, found) -> None:
     """What the theory says wrongly has its memory, what it does not say another one: the base has one for both."""
-    some = {name: EFFECTS[name] for name in ("pressure_dependence", "squeeze_film")}
+    some = chosen("pressure_dependence", "squeeze_film")
     result = diagnose([record(hidden, plant="parallel_memory")], with_theory(**wrong), catalogue=some)
     assert set(names(result)) == found
     assert hidden or result.unexplained_percent > 5.0
@@ -237,7 +241,7 @@ def test_stamps_that_scatter_make_no_stick_slip(hidden, found) -> None:
     data = record(hidden, plant="maxwell_slip", segments=LONG_ABBA)
     off_s = 0.005 * np.clip(0.15 * np.random.default_rng(5).standard_normal(len(data)), -0.4, 0.4)
     data = replace(data, stamp_ns=data.stamp_ns + np.rint(1e9 * off_s).astype(np.int64))
-    some = {name: EFFECTS[name] for name in ("presliding", "stick_slip")}
+    some = chosen("presliding", "stick_slip")
     assert names(diagnose([data], Config(), catalogue=some)) == found
 
 
@@ -265,7 +269,7 @@ def test_a_cause_between_others_that_gains_nothing_is_not_told() -> None:
     seal = Config.from_mapping({"theory.kind": "seal"})
     data = build_record([record(["inertia:mass=0.5", "presliding:amplitude=0.9,length=2.6e-5"])], seal)
     context = data.context(seal, float(np.abs(data.friction_N).max()))
-    some = {name: EFFECTS[name] for name in ("inertia", "presliding")}
+    some = chosen("inertia", "presliding")
     found = Searcher(data, seal, context, some, 0)(lambda _stage, _part: None)
     assert [cause.name for cause in found.causes] == ["inertia", "presliding"]
     base, one, both = found.models
@@ -290,7 +294,7 @@ def test_a_search_names_nothing_that_was_refuted() -> None:
     seal = Config.from_mapping({"theory.kind": "seal"})
     data = build_record([record(["inertia:mass=0.3", "sensor_bias:bias=0.3"])], seal)
     context = data.context(seal, float(np.abs(data.friction_N).max()))
-    some = {name: EFFECTS[name] for name in ("inertia", "sensor_bias", "direction_asymmetry")}
+    some = chosen("inertia", "sensor_bias", "direction_asymmetry")
     searcher = Searcher(data, seal, context, some, 0)
     first = searcher(lambda _stage, _part: None)
     assert [cause.name for cause in first.causes] == ["sensor_bias", "inertia"]
@@ -307,7 +311,7 @@ def test_a_refuted_time_is_not_named_as_another_one_that_says_the_same(told_apar
     seal = Config.from_mapping({"theory.kind": "seal"})
     data = build_record([record(["time_delay:delay=0.0004"])], seal)
     context = data.context(seal, float(np.abs(data.friction_N).max()))
-    some = {name: EFFECTS[name] for name in ("time_delay", "sensor_lowpass")}
+    some = chosen("time_delay", "sensor_lowpass")
     searcher = Searcher(data, seal, context, some, 0)
     (cause,) = searcher(lambda _stage, _part: None).causes
     assert (cause.name, cause.rivals) == ("time_delay", ("sensor_lowpass",))
@@ -322,7 +326,7 @@ def test_what_was_made_needless_is_known_by_how_much_it_is_behind() -> None:
         [record(["direction_asymmetry:size=0.1", "sensor_drift:size=0.01"], segments=ONE_PRESSURE)], seal
     )
     context = data.context(seal, float(np.abs(data.friction_N).max()))
-    some = {name: EFFECTS[name] for name in ("sensor_bias", "direction_asymmetry")}
+    some = chosen("sensor_bias", "direction_asymmetry")
     searcher = Searcher(data, seal, context, some, 0)
     base = searcher.fits.base()
     bias = searcher.fits(base, "sensor_bias", {})
@@ -338,7 +342,9 @@ def test_what_was_made_needless_is_known_by_how_much_it_is_behind() -> None:
 def test_a_small_delay_that_no_form_of_a_trait_makes_is_named() -> None:
     """It brings 1.2 % of what the trait leaves, and most of what is left above the noise: it was a trace."""
     hidden = ["time_delay:delay=0.00015"]
-    result = diagnose([record(hidden, plant="tabulated", noise=0.03, seed=5, segments=LONG_ABBA)], Config())
+    some = chosen("direction_asymmetry", *TIMES, "inertia", "squeeze_film", "frictional_lag", "presliding")
+    samples = record(hidden, plant="tabulated", noise=0.03, seed=5, segments=LONG_ABBA)
+    result = diagnose([samples], Config(), catalogue=some)
     assert names(result) == ["direction_asymmetry", "time_delay"]
     assert result.effects[1].parameters["delay"].value == pytest.approx(0.00015, abs=5e-5)
 
@@ -347,7 +353,8 @@ def test_a_small_delay_that_no_form_of_a_trait_makes_is_named() -> None:
 def test_a_step_beside_bristles_is_found_under_multisines(at_s, left) -> None:
     """Their fit ran away: a time that is not there was named instead of the step, or a fifth was told as left."""
     hidden = [f"bias_step:size=0.04,at={at_s:g}"]
-    result = diagnose([record(hidden, plant="maxwell_slip", segments=MULTISINES)], Config())
+    some = chosen("presliding", *SLOW_CAUSES, *TIMES, "squeeze_film")
+    result = diagnose([record(hidden, plant="maxwell_slip", segments=MULTISINES)], Config(), catalogue=some)
     assert names(result) == ["presliding", "bias_step"]
     assert result.effects[1].parameters["at"].value == pytest.approx(at_s, abs=0.1)
     assert result.unexplained_percent < left
@@ -414,7 +421,9 @@ def test_bristles_an_octave_too_long_leave_no_time() -> None:
 def test_a_small_change_in_time_is_no_form_of_what_comes_again_with_the_drive(hidden) -> None:
     """It brings 0.6 % of what the rig's own traits leave: of anything else that would be a trace beside them."""
     effects = tuple(parse_effect(text) for text in hidden)
-    result = diagnose([simulate(Scenario(LONG_ABBA, "rig", 100.0, 0.02, 3, effects)).samples], Config())
+    some = chosen(*PLANTS["rig"].traits, *SLOW_CAUSES, "position_dependence", "saturation", "presliding")
+    samples = simulate(Scenario(LONG_ABBA, "rig", 100.0, 0.02, 3, effects)).samples
+    result = diagnose([samples], Config(), catalogue=some)
     others = [e for e in result.effects if e.name not in PLANTS["rig"].traits]
     assert len(others) == len(hidden)
     assert all("wear" in set_of(e) for e in others)

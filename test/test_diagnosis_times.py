@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from diagnosis_records import abba, names
+from diagnosis_records import abba, chosen, names
 from diagnosis_records import record as recording
 
 from friction_estimator.core.settings.config import Config
@@ -52,7 +52,7 @@ def test_a_long_delay_beside_other_forms_is_more_than_they_although_its_own_forc
 
     Without the delay 55 % of the error of the rig's plant is left, the lagging film not found either.
     """
-    some = {n: EFFECTS[n] for n in ("direction_asymmetry", "pressure_dependence", "frictional_lag", "time_delay")}
+    some = chosen("direction_asymmetry", "pressure_dependence", "frictional_lag", "time_delay")
     result = diagnose([recording(["time_delay:delay=0.02"], plant="rig")], Config(), catalogue=some)
     assert set(names(result)) == set(some)
     delay = next(one for one in result.effects if one.name == "time_delay").parameters["delay"]
@@ -158,7 +158,7 @@ def test_a_velocity_that_is_late_is_found_behind_bristles() -> None:
     hidden = (parse_effect("velocity_delay:delay=0.003"),)
     samples = simulate(Scenario(SHORT, plant="maxwell_slip", rate_hz=200.0, seed=6, effects=hidden)).samples
     names = ("presliding", "squeeze_film", "velocity_delay", "inertia")
-    found = diagnose([samples], SEAL, catalogue={name: EFFECTS[name] for name in names})
+    found = diagnose([samples], SEAL, catalogue=chosen(*names))
     assert [effect.name for effect in found.effects] == ["presliding", "velocity_delay"]
     assert found.effects[1].parameters["delay"].value == pytest.approx(0.003, abs=3e-4)
 
@@ -236,7 +236,7 @@ def test_forms_of_a_filter_are_compared_where_a_delay_comes_first() -> None:
     """The base's memory takes up nearly all of a filter with two poles: one pole is far behind a delay there."""
     hidden = (parse_effect("sensor_lowpass:time_constant=0.0083,form=1"),)
     samples = simulate(Scenario(abba(), plant="clean", rate_hz=200.0, seed=3, effects=hidden)).samples
-    found = diagnose([samples], SEAL, catalogue={name: EFFECTS[name] for name in ("sensor_lowpass", "time_delay")})
+    found = diagnose([samples], SEAL, catalogue=chosen("sensor_lowpass", "time_delay"))
     assert found.effects[0].name == "sensor_lowpass"
     value = found.effects[0].parameters["time_constant"]
     assert value.low < 0.0083 < value.high

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnosis_records import names, record
+from diagnosis_records import chosen, names, record
 
 from friction_estimator.core.quantities import Quantities
 from friction_estimator.core.settings.config import Config
@@ -19,7 +19,7 @@ from friction_estimator.effects import EFFECTS
 
 PACKAGE = Path(__file__).parents[1] / "friction_estimator"
 NEAR_REVERSALS = ("presliding", "stick_slip", "breakaway", "inertia", "viscoelastic_relaxation", "position_dependence")
-LIKE_A_FILM = {name: EFFECTS[name] for name in NEAR_REVERSALS}
+LIKE_A_FILM = chosen(*NEAR_REVERSALS)
 ONLY_MASS = {"inertia": EFFECTS["inertia"]}
 FILM = "squeeze_film:size=0.04,speed=0.01"
 

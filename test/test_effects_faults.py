@@ -85,6 +85,17 @@ def test_a_fault_is_found_with_its_size(hidden: str) -> None:
             assert low - 0.03 * abs(value) <= truth[name] <= high + 0.03 * abs(value), name
 
 
+@pytest.mark.parametrize("every", [20, 50])
+def test_interference_that_comes_again_with_the_drive_is_found(every: int) -> None:
+    """Of a period that fits the drive's, as a converter's may; taken for what the drive does, it was no fault."""
+    samples = run(noise=0.005).samples
+    force = samples.friction_N.copy()
+    force[7::every] += 2.0
+    (fault,) = found(replace(samples, friction_N=force))
+    assert fault.name == "outliers"
+    assert fault.parameters["fraction"][0] == pytest.approx(1.0 / every, rel=0.02)
+
+
 def test_only_a_test_gives_a_p_value() -> None:
     """Outliers by the binomial tail; the others are measured, not tested."""
     for hidden in ("quantization:size=0.03", "dropout:size=0.03", "velocity_noise:size=0.04"):

@@ -7,6 +7,7 @@ import numpy as np
 
 from friction_estimator.core.errors import UnanswerableError
 from friction_estimator.core.intake.encoder import Encoder
+from friction_estimator.core.intake.kinks import at_kinks
 from friction_estimator.core.intake.periods import drive_periods, is_harmonic
 from friction_estimator.core.intake.standstill import standstill
 from friction_estimator.core.intake.strokes import reversal_speed, reversals
@@ -16,7 +17,7 @@ from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Ints, Sample
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import MARGIN, robust_top
 from friction_estimator.effects.extension import sign_velocity
-from friction_estimator.effects.features import KINK, Context, FeatureMaker, Features, stroke_ends
+from friction_estimator.effects.features import Context, FeatureMaker, Features, stroke_ends
 from friction_estimator.effects.grids import LONGEST_LENGTH
 from friction_estimator.effects.moments import features_at
 
@@ -31,13 +32,6 @@ STEEPEST = 0.999
 
 MOST_FORGOTTEN = 0.5
 """Share of the way from one turn that nobody saw to the next one that is left out at the most."""
-
-ROUNDING = 1e-6
-"""Of the largest velocity: a second difference of less is no kink."""
-BESIDE = (2, 3)
-"""Samples to each side of a kink that are compared with it: one between two samples shows in both."""
-MOST_KINKED = 0.15
-"""Share of the samples at kinks beyond which they are no exceptions."""
 
 
 @dataclass(frozen=True)
@@ -237,33 +231,6 @@ def described(samples: Samples, recording: Ints, config: Config) -> Record:
         standstill=stands,
         reversal_speed_m_s=level,
     )
-
-
-def at_kinks(velocity_m_s: Floats, restart: Bools) -> Bools:
-    """Return the samples at kinks of the velocity, (n,); none where they are no exceptions.
-
-    Which of two accelerations holds there lies between two samples: what acts on it is unknown, and looks late. The
-    second difference stands out there, from that nearby, too: a faster part of the drive bends more everywhere.
-    """
-    bend = bends(velocity_m_s, restart)
-    padded = np.pad(bend, BESIDE[-1])
-    nearby = np.max([padded[BESIDE[-1] + k :][: bend.size] for d in BESIDE for k in (-d, d)], axis=0)
-    found = stands_out(bend) & (bend > np.maximum(KINK * nearby, ROUNDING * float(np.abs(velocity_m_s).max())))
-    return found if found.mean() < MOST_KINKED else np.zeros(found.size, np.bool_)
-
-
-def bends(velocity_m_s: Floats, restart: Bools) -> Floats:
-    """Return the second difference of the velocity about each sample, (n,), m/s; 0 where it has no neighbours."""
-    v, whole = velocity_m_s, ~restart
-    bend = np.zeros(v.size)
-    bend[1:-1] = np.abs(v[2:] - 2.0 * v[1:-1] + v[:-2]) * (whole[2:] & whole[1:-1])
-    return bend
-
-
-def stands_out(bend_m_s: Floats) -> Bools:
-    """Return where the second difference is far above the usual one, (n,), which noise and rounding have."""
-    some = bend_m_s > 0.0
-    return np.asarray(bend_m_s > KINK * (float(np.median(bend_m_s[some])) if some.any() else 0.0))
 
 
 def _forgotten(features: Features) -> Bools:

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 
 from friction_estimator.core.errors import UnanswerableError
+from friction_estimator.core.intake.kinks import bends
 from friction_estimator.core.sample import Bools, Floats, Ints
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base import BaseFit, fit_base, reference_of
 from friction_estimator.diagnosis.floor import pairs
 from friction_estimator.diagnosis.joint import Joint
-from friction_estimator.diagnosis.record import Record, bends, stands_out
+from friction_estimator.diagnosis.record import Record
 from friction_estimator.effects.base import EFFECTS, Effect
 from friction_estimator.effects.detection import DataView, Fault
 from friction_estimator.effects.features import Context
@@ -160,10 +161,10 @@ def kinked(record: Record, force_slope: Floats, residual_N: Floats) -> Bools:
     is unknown by up to a quarter of its second difference, and the force by that times dF/dv: such samples say nothing
     of a time of the force, and are as wrong as they are loud.
     """
-    bend = bends(record.features.velocity_m_s, record.restart)
+    bend, unusual = bends(record.features.velocity_m_s, record.restart)
     noise = 1.4826 * float(np.median(np.abs(residual_N[record.used])))
     near = np.maximum.reduce([np.abs(force_slope), np.abs(np.roll(force_slope, 1)), np.abs(np.roll(force_slope, -1))])
-    hit = stands_out(bend) & (0.25 * bend * near > LOUD * noise)
+    hit = unusual & (0.25 * np.abs(bend) * near > LOUD * noise)
     if float(hit.mean()) > MOST_KINKS:
         return np.zeros(bend.size, np.bool_)
     return np.asarray(np.convolve(hit, np.ones(2 * AROUND + 1), "same") > 0.5)

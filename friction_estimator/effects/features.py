@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from friction_estimator.compiled import njit
+from friction_estimator.core.intake.kinks import KINK
 from friction_estimator.core.sample import Floats, Ints, Samples
 
 
@@ -126,9 +127,6 @@ class Features:
 """Places in the state: the last two velocities, the last stamp, position, distance, distance and time since the last
 reversal, direction now, samples since a restart, direction of the stroke, distance and time since what may be a
 reversal, running time, the last step, pieces, and the last two curvatures."""
-
-KINK = 8.0
-"""Times the curvature of two samples before, from which the velocity is taken to have a kink since."""
 
 STATE = 17
 

@@ -3,6 +3,7 @@
 import numpy as np
 import scipy  # its parts are loaded where they are first used: 0.1 s of a start
 
+from friction_estimator.core.intake.kinks import at_kinks
 from friction_estimator.core.quantities import FORCE, quantity
 from friction_estimator.core.sample import Bools, Floats, Ints
 from friction_estimator.effects.base import Effect, Key, Words, effect, form_key
@@ -36,6 +37,8 @@ CROWD = 0.3
 ONE_PLACE = 0.02
 """Share of the samples that lie between hits, too few to crowd, of one cause: a scratch, or what comes after a turn."""
 
+AROUND = 5
+"""Samples to each side of a kink of the velocity in which it may make a spike: a memory may shift it there."""
 AGAIN = 0.5
 """Of a hit, what a cycle later must be off as well for it to have come again."""
 MOSTLY = 0.5
@@ -184,9 +187,9 @@ class Outliers(Effect):
 
         Steps of a coarse lattice scatter by a twelfth of their square, however seldom the residual shows it. And a
         spike is more than the model's own force changes by from one sample to the next: an error of time, a sample
-        long, makes as much. Nor is what comes again with the drive a spike. Samples that are not used are passed over;
-        after them, and after a gap, a spike must stand out from those that follow it as well: where a value was held,
-        the error comes back as another one, and stays.
+        long, makes as much. Nor is what comes again at kinks of the velocity a spike. Samples that are not used are
+        passed over; after them, and after a gap, a spike must stand out from those that follow it as well: where a
+        value was held, the error comes back as another one, and stays.
         """
         residual, used = view.residual_N, view.used
         if residual is None or any(fault.conceals for fault in view.found):
@@ -271,14 +274,17 @@ def _gathered(view: DataView, hit: Bools) -> Bools:
 
 
 def _repeated(view: DataView, hit: Bools, innovation: Floats) -> Bools:
-    """Return which hits come again with the drive, (n,): steps of its speed may make them, interference does not.
+    """Return which hits come again with the drive at kinks of its velocity, (n,): steps of its speed may make them.
 
     A hit comes again where its partner, or a neighbour of that, is off the same way by half as much. Where most of
-    those that have a partner do, so do the others, whose partners were not recorded.
+    those that have a partner do, so do the others, whose partners were not recorded. Interference may have a period
+    that fits the drive's, but does not keep to kinks.
     """
     out, known = np.zeros(hit.size, np.bool_), np.zeros(hit.size, np.bool_)
     if view.pairs is None:
         return out
+    bent = at_kinks(view.features.velocity_m_s, view.restart)
+    hit = hit & (np.convolve(bent, np.ones(2 * AROUND + 1), "same") > 0.5)
     padded = np.pad(innovation, 1)
     for one, other in (view.pairs, view.pairs[::-1]):
         here, there = one[hit[one]], other[hit[one]]
