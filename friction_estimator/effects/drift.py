@@ -116,8 +116,11 @@ class ViscosityDrift(Effect):
 
     @classmethod
     def grid(cls, context: Context) -> list[dict[str, float]]:
-        """Time constants from a twelfth of the recording to twice its length."""
-        return chosen(context.duration_s * np.array([1 / 12, 1 / 6, 1 / 3, 2 / 3, 2.0]), "time_constant")
+        """Time constants from a twelfth of the recording to twice its length; of the free shape, two of them.
+
+        Where a thinner film takes less of the load, friction rises as the oil warms: the plain form has no sign for it.
+        """
+        return _either_shape(context.duration_s, "time_constant")
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
@@ -206,8 +209,8 @@ class Wear(Effect):
 
     @classmethod
     def grid(cls, context: Context) -> list[dict[str, float]]:
-        """Lengths from a twelfth of the distance run to twice it."""
-        return chosen(context.distance_m * np.array([1 / 12, 1 / 6, 1 / 3, 2 / 3, 2.0]), "length")
+        """Lengths from a twelfth of the distance run to twice it; of the free shape, two of them."""
+        return _either_shape(context.distance_m, "length")
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
@@ -251,6 +254,12 @@ class Wear(Effect):
         return params.get("shape", 0.0) >= FREE and not _nearer(part_N, BOUNDARY, VISCOUS, features, reference)
 
     refined = ("length",)
+
+
+def _either_shape(whole: float, name: str) -> list[dict[str, float]]:
+    """Return where a slow change of a gain is begun, by its constant as a share of the whole recording."""
+    plain = chosen(whole * np.array([1 / 12, 1 / 6, 1 / 3, 2 / 3, 2.0]), name)
+    return [*plain, *(dict(one) | {"shape": FREE} for one in chosen(whole * np.array([1 / 6, 2 / 3]), name))]
 
 
 def _nearer(part_N: Floats, own: int, other: int, f: Features, r: Reference) -> bool:
