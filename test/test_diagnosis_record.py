@@ -9,7 +9,7 @@ from friction_estimator.core.errors import UnanswerableError
 from friction_estimator.core.intake.encoder import wraps_undone
 from friction_estimator.core.sample import NS_PER_S, Samples
 from friction_estimator.core.settings.config import Config
-from friction_estimator.diagnosis.excitation import assess
+from friction_estimator.diagnosis.excitation import assess, notes
 from friction_estimator.diagnosis.floor import noise_floor, pairs
 from friction_estimator.diagnosis.record import blocks, build_record
 from friction_estimator.effects.features import FeatureMaker
@@ -179,10 +179,12 @@ def ramped(knots_s, speeds):
 def test_kinks_of_a_drive_of_ramps_are_left_out():
     """Which of two accelerations holds there lies between two samples."""
     samples, _ = ramped([0.0, 0.5, 2.0, 2.5, 3.0, 3.505, 5.0, 6.0], [0.0, 1.0, 1.0, 0.4, 0.4, -1.0, -1.0, 0.0])
-    left_out = np.flatnonzero(~build_record([samples], Config()).used[600:]) % 600
+    record = build_record([samples], Config())
+    left_out = np.flatnonzero(~record.used[600:]) % 600
     # The one that lies between two samples shows in both.
     kinks = {0, 50, 200, 250, 300, 350, 351, 500}
     assert set(left_out) == kinks
+    assert any(" samples at kinks of the velocity are left out" in note for note in notes(record))
 
 
 def test_the_acceleration_of_ramps_is_theirs_but_at_kinks():
@@ -207,7 +209,9 @@ def test_a_jump_of_the_velocity_is_no_kink():
     samples = recorded()
     jumps = np.repeat(np.random.default_rng(0).choice([-0.3, 0.0, 0.3], len(samples) // 100), 100)
     jumping = replace(samples, velocity_m_s=samples.velocity_m_s + jumps, position_m=None)
-    assert build_record([jumping], Config()).used[200:].all()
+    record = build_record([jumping], Config())
+    assert record.used[200:].all()
+    assert notes(record) == []
 
 
 @pytest.mark.parametrize("lattice", [0.0, 1e-3])

@@ -6,6 +6,7 @@ import numpy as np
 
 from friction_estimator.core import metrics
 from friction_estimator.core.intake.encoder import wraps_undone
+from friction_estimator.core.intake.kinks import at_kinks
 from friction_estimator.core.online.shortcomings import ONE_DIRECTION
 from friction_estimator.core.quantities import POSITION, VELOCITY, quantity
 from friction_estimator.core.sample import Floats, Ints
@@ -22,6 +23,9 @@ SEVERAL_STROKES = 1.6
 
 LEAST_STANDSTILL = 0.01
 """Share of the samples above which standstill is worth a note."""
+
+LEAST_KINKED = 0.005
+"""Share of the samples above which what is left out at kinks of the velocity is worth a note."""
 
 JITTER = 0.1
 """Robust deviation of the sample period over itself, above which it is worth a note."""
@@ -115,6 +119,12 @@ def notes(record: Record) -> list[str]:
         said.append(
             f"the shaft stands for {100.0 * share:.3g} % of the samples: their {{force}} is below breakaway "
             "and no sample of F(v)"
+        )
+    kinks = at_kinks(record.samples.velocity_m_s, record.samples.restart)
+    if kinks.mean() > LEAST_KINKED:
+        said.append(
+            f"{int(kinks.sum())} samples at kinks of the velocity are left out: which of two accelerations holds there "
+            "lies between two samples"
         )
     return said
 
