@@ -13,7 +13,7 @@ from friction_estimator.core.settings.theory_groups import SealConfig
 from friction_estimator.diagnosis.diagnose import Diagnosis, diagnose
 from friction_estimator.diagnosis.pressures import pressure_order, pressures_held
 from friction_estimator.diagnosis.record import build_record
-from friction_estimator.effects import EFFECTS, Effect
+from friction_estimator.effects import EFFECTS, Effect, parse_effect
 from friction_estimator.effects.base import SLOW
 from friction_estimator.effects.trace import Trace
 from friction_estimator.rig.drive import segment
@@ -159,3 +159,15 @@ def test_friction_that_rises_as_the_oil_warms_is_the_oils() -> None:
     constant = warming.parameters["time_constant"]
     assert constant.low < 20.0 < constant.high
     assert found.unexplained_percent < 2.0
+
+
+@pytest.mark.parametrize(
+    ("hidden", "noise"), [("viscosity_drift:size=0.04,time_constant=15", 0.03), ("wear:size=0.04,length=0.7", 0.01)]
+)
+def test_the_plain_form_is_taken_where_the_free_one_explains_no_more_than_chance(hidden: str, noise: float) -> None:
+    """The screen's best was the free shape, whose size the record did not tell: a step of the gain was named."""
+    triangles = (segment(1.0, 50.0, 15.0, "triangle"), segment(5.0, 50.0, 30.0, "triangle"))
+    samples = simulate(Scenario(triangles, "clean", 100.0, noise, 100, (parse_effect(hidden),))).samples
+    (found,) = diagnose([samples], Config(), catalogue=SLOW_ONES).effects
+    assert found.name == hidden.split(":", maxsplit=1)[0]
+    assert found.parameters.keys() <= {"drop", "time_constant", "change", "length"}

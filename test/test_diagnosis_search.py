@@ -430,6 +430,16 @@ def test_a_small_change_in_time_is_no_form_of_what_comes_again_with_the_drive(hi
     assert set(PLANTS["rig"].traits) <= set(names(result))
 
 
+def test_where_a_level_runs_away_there_is_no_fit() -> None:
+    """Bristles at one slow speed: columns of their level were of 1e7 N, and a factorisation ended the diagnosis."""
+    effects = tuple(parse_effect(text) for text in ("gain_step:size=0.04", "bias_step:size=0.03"))
+    samples = simulate(Scenario((segment(20.0, 50.0, 80.0),), "maxwell_slip", 100.0, 0.01, 6052, effects)).samples
+    some = ("direction_asymmetry", "frictional_lag", "inertia", "presliding")
+    result = diagnose([samples], Config(), catalogue=chosen(*SLOW_CAUSES, *some))
+    assert result.unexplained_percent > 50.0
+    assert result.verdict != "nothing_found"
+
+
 def test_a_channel_that_creeps_tells_no_samples_apart() -> None:
     data = record(segments=abba())
     creeping = replace(data, temperature_degC=54.0 + 0.1 * np.arange(len(data)) / len(data))

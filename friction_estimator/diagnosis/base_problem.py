@@ -318,7 +318,19 @@ class _Normal:
         return power + variance * float(theta @ self.problem.information @ theta), power
 
     def descend(self, taps: Floats, start: Coefficients | None = None) -> Coefficients:
-        """Gauss-Newton with step halving from these taps."""
+        """Gauss-Newton with step halving from these taps; nothing, at infinite cost, where numbers end.
+
+        Columns of bristles on a level that has run away are too large for the others to be told beside them.
+        """
+        try:
+            return self._descended(taps, start)
+        except np.linalg.LinAlgError:
+            sizes = self.problem.products.width, taps.size, self.problem.own, self.width
+            weights, taps, own, extra = (np.zeros(size) for size in sizes)
+            variance = COLOUR * self.power / self.count
+            return Coefficients(weights, taps, own, extra, np.inf, self.power, self.count, variance, 0.0)
+
+    def _descended(self, taps: Floats, start: Coefficients | None) -> Coefficients:
         problem = self.problem
         floor = 1e-18 * self.problem.scale**2
         variance = COLOUR * max(start.power / start.count, floor) if start else (0.1 * problem.scale) ** 2

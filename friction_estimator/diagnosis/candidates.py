@@ -80,6 +80,10 @@ class Candidates:
 
         One that is `belied` by that has its name in that form only.
         """
+        for form in best.effect.plainer(best.term.params):
+            plain = self(model, best.name, form)
+            if plain is not None and best.gain - plain.gain <= beyond_chance(plain, best):
+                best = plain
         for form in best.effect.variants(best.term.params):
             # Each time of a film, or of the whole force, forms the base's products anew, and its other form is late
             # by the same time: that of the whole, the base's memory with it.

@@ -246,6 +246,11 @@ class Effect:
         return []
 
     @classmethod
+    def plainer(cls, params: Params) -> list[dict[str, float]]:  # noqa: ARG003
+        """Return forms with fewer parameters, taken where this one explains no more than its further ones by chance."""
+        return []
+
+    @classmethod
     def wells(cls, params: Params) -> list[dict[str, float]]:  # noqa: ARG003
         """Return places beside this one at which the same form has a minimum of its own (default none)."""
         return []

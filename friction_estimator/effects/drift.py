@@ -141,6 +141,11 @@ class ViscosityDrift(Effect):
         return [dict(params) | {"shape": FREE}]
 
     @classmethod
+    def plainer(cls, params: Params) -> list[dict[str, float]]:
+        """The theory's own share."""
+        return _plain(params)
+
+    @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
         """Drop and time constant; in the free shape the drop of the friction at top speed, which is another thing.
 
@@ -231,6 +236,11 @@ class Wear(Effect):
         return [dict(params) | {"shape": FREE}]
 
     @classmethod
+    def plainer(cls, params: Params) -> list[dict[str, float]]:
+        """The theory's own share."""
+        return _plain(params)
+
+    @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
         """Relative change and length; in the free shape the change of the friction at low speed."""
         low = weights_at(place_of(LOW_SPEED))[0] if len(weights) > 1 else np.ones(1)
@@ -260,6 +270,11 @@ def _either_shape(whole: float, name: str) -> list[dict[str, float]]:
     """Return where a slow change of a gain is begun, by its constant as a share of the whole recording."""
     plain = chosen(whole * np.array([1 / 12, 1 / 6, 1 / 3, 2 / 3, 2.0]), name)
     return [*plain, *(dict(one) | {"shape": FREE} for one in chosen(whole * np.array([1 / 6, 2 / 3]), name))]
+
+
+def _plain(params: Params) -> list[dict[str, float]]:
+    """Return a slow change of a gain in its plain form, or nothing where it has that."""
+    return [{n: v for n, v in params.items() if n != "shape"}] if params.get("shape", 0.0) >= FREE else []
 
 
 def _nearer(part_N: Floats, own: int, other: int, f: Features, r: Reference) -> bool:
