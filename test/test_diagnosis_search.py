@@ -353,7 +353,7 @@ def test_a_small_delay_that_no_form_of_a_trait_makes_is_named() -> None:
 def test_a_step_beside_bristles_is_found_under_multisines(at_s, left) -> None:
     """Their fit ran away: a time that is not there was named instead of the step, or a fifth was told as left."""
     hidden = [f"bias_step:size=0.04,at={at_s:g}"]
-    some = chosen("presliding", *SLOW_CAUSES, *TIMES, "squeeze_film")
+    some = chosen("presliding", *SLOW_CAUSES, "time_delay")
     result = diagnose([record(hidden, plant="maxwell_slip", segments=MULTISINES)], Config(), catalogue=some)
     assert names(result) == ["presliding", "bias_step"]
     assert result.effects[1].parameters["at"].value == pytest.approx(at_s, abs=0.1)
@@ -421,7 +421,7 @@ def test_bristles_an_octave_too_long_leave_no_time() -> None:
 def test_a_small_change_in_time_is_no_form_of_what_comes_again_with_the_drive(hidden) -> None:
     """It brings 0.6 % of what the rig's own traits leave: of anything else that would be a trace beside them."""
     effects = tuple(parse_effect(text) for text in hidden)
-    some = chosen(*PLANTS["rig"].traits, *SLOW_CAUSES, "position_dependence", "saturation", "presliding")
+    some = chosen(*PLANTS["rig"].traits, *SLOW_CAUSES)
     samples = simulate(Scenario(LONG_ABBA, "rig", 100.0, 0.02, 3, effects)).samples
     result = diagnose([samples], Config(), catalogue=some)
     others = [e for e in result.effects if e.name not in PLANTS["rig"].traits]
