@@ -18,6 +18,8 @@ def abba() -> tuple[Segment, ...]:
 LONG_ABBA = tuple(segment(t, psi, s) for psi in (50.0, 200.0, 200.0, 50.0) for t, s in ((1.0, 12.0), (5.0, 20.0)))
 """The benchmark's own length."""
 
+ONE_PRESSURE = (segment(1.0, 50.0, 20.0), segment(5.0, 50.0, 40.0))
+
 
 def record(
     effects: Sequence[str | Effect] = (),

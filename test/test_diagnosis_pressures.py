@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_records import chosen, record, set_of
+from diagnosis_records import ONE_PRESSURE, chosen, record, set_of
 
 from friction_estimator.core.sample import Floats, Samples
 from friction_estimator.core.settings.config import Config
@@ -20,8 +20,6 @@ from friction_estimator.rig.drive import segment
 from friction_estimator.rig.law import lagged
 from friction_estimator.rig.plant import PLANTS
 from friction_estimator.rig.simulate import Scenario, simulate
-
-AT_ONE = (segment(1.0, 50.0, 20.0), segment(5.0, 50.0, 40.0))
 
 SLOW_ONES: Mapping[str, type[Effect]] = {
     name: effect for name, effect in EFFECTS.items() if effect.acts == SLOW or name == "pressure_dependence"
@@ -150,7 +148,7 @@ def test_friction_that_rises_as_the_oil_warms_is_the_oils() -> None:
 
     At one pressure; a step of the gain was named, or nothing, with 8 to 33 % left.
     """
-    samples = record(["viscosity_drift:size=0.04,time_constant=20"], plant="rig", segments=AT_ONE)
+    samples = record(["viscosity_drift:size=0.04,time_constant=20"], plant="rig", segments=ONE_PRESSURE)
     some = chosen("direction_asymmetry", "frictional_lag", "inertia", "viscosity_drift", "wear", "gain_step")
     found = diagnose([samples], Config(), catalogue=some)
     warming = next(effect for effect in found.effects if effect.name == "viscosity_drift")

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_records import LONG_ABBA, abba, chosen, names, record, set_of
+from diagnosis_records import LONG_ABBA, ONE_PRESSURE, abba, chosen, names, record, set_of
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import Capacity
@@ -25,7 +25,6 @@ from friction_estimator.rig.simulate import Scenario, simulate
 
 IN_ORDER = tuple(segment(t, psi, s) for psi in (50.0, 100.0, 200.0) for t, s in ((1.0, 8.0), (5.0, 12.0)))
 MULTISINES = (segment(8.0, 50.0, 40.0, "multisine"), segment(8.0, 200.0, 40.0, "multisine"))
-ONE_PRESSURE = (segment(1.0, 50.0, 20.0), segment(5.0, 50.0, 40.0))
 
 SLOW_CAUSES = tuple(name for name, cls in EFFECTS.items() if cls.acts == SLOW)
 TIMES = tuple(name for name, cls in EFFECTS.items() if cls.delays)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from friction_estimator.core.errors import UnanswerableError
-from friction_estimator.core.intake.kinks import bends
+from friction_estimator.core.intake.kinks import about, bends
 from friction_estimator.core.sample import Bools, Floats, Ints
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base import BaseFit, fit_base, reference_of
@@ -27,8 +27,6 @@ SLOPE_STEP = 1e-3
 
 LOUD = 4.0
 """Times the noise of the force, from which what a kink of the velocity makes is left out, and what lies about it."""
-AROUND = 5
-"""Samples to each side of a kink that are left out: a time of the force may shift it there."""
 MOST_KINKS = 0.002
 """Share of kinks beyond which they are no exceptions: a drive that changes its speed in steps, or a noisy channel."""
 
@@ -167,7 +165,7 @@ def kinked(record: Record, force_slope: Floats, residual_N: Floats) -> Bools:
     hit = unusual & (0.25 * np.abs(bend) * near > LOUD * noise)
     if float(hit.mean()) > MOST_KINKS:
         return np.zeros(bend.size, np.bool_)
-    return np.asarray(np.convolve(hit, np.ones(2 * AROUND + 1), "same") > 0.5)
+    return about(hit)
 
 
 def _slopes(fit: BaseFit, record: Record, context: Context) -> tuple[Floats, Floats]:

@@ -77,8 +77,27 @@ class SensorDrift(Effect):
     signs = (0, 0, 0)
 
 
+class _SlowGain(Effect):
+    """A part of the friction that changes slowly: the theory's own, or, in the free shape, any share at each speed."""
+
+    family = "slow_gain"
+    stage = "lubrication"
+    acts = SLOW
+    turns = True
+
+    @classmethod
+    def variants(cls, params: Params) -> list[dict[str, float]]:
+        """Another share at each speed: where the theory's parts are wrong, time and distance still tell."""
+        return [dict(params) | {"shape": FREE}]
+
+    @classmethod
+    def plainer(cls, params: Params) -> list[dict[str, float]]:
+        """The theory's own share."""
+        return [{n: v for n, v in params.items() if n != "shape"}] if params.get("shape", 0.0) >= FREE else []
+
+
 @effect
-class ViscosityDrift(Effect):
+class ViscosityDrift(_SlowGain):
     """Oil that warms up: its viscosity, and with it the viscous part of friction, falls.
 
     Formula::
@@ -87,16 +106,12 @@ class ViscosityDrift(Effect):
     """
 
     name = "viscosity_drift"
-    family = "slow_gain"
-    stage = "lubrication"
-    acts = SLOW
     keys = (
         Key("drop", "", 0.2, 0.0, 0.95, "share of the viscosity that is lost in the end"),
         Key("time_constant", "s", 40.0, 0.01, 1e6, "time constant of warming"),
         form_key("two time constants, 0.6 and 1.4 of it"),
     )
     size_key = "drop"
-    turns = True
     linear = False
     systematic: ClassVar[Mapping[str, float]] = {"drop": 0.04, "time_constant": 0.1}
     words = Words(
@@ -136,16 +151,6 @@ class ViscosityDrift(Effect):
         return Columns(compute, HATS if free else 1, filtered=True)
 
     @classmethod
-    def variants(cls, params: Params) -> list[dict[str, float]]:
-        """Another share at each speed: where the theory's parts are wrong, time and distance still tell."""
-        return [dict(params) | {"shape": FREE}]
-
-    @classmethod
-    def plainer(cls, params: Params) -> list[dict[str, float]]:
-        """The theory's own share."""
-        return _plain(params)
-
-    @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
         """Drop and time constant; in the free shape the drop of the friction at top speed, which is another thing.
 
@@ -176,7 +181,7 @@ class ViscosityDrift(Effect):
 
 
 @effect
-class Wear(Effect):
+class Wear(_SlowGain):
     """A contact that wears or runs in: the boundary (Coulomb) level changes with the distance s run.
 
     Formula::
@@ -185,16 +190,12 @@ class Wear(Effect):
     """
 
     name = "wear"
-    family = "slow_gain"
-    stage = "lubrication"
-    acts = SLOW
     keys = (
         Key("change", "", 0.2, -0.9, 10.0, "relative change of the boundary friction coefficient in the end"),
         Key("length", "m", 2.0, 1e-6, 1e9, "distance over which it happens"),
         form_key("two lengths, 0.6 and 1.4 of it"),
     )
     size_key = "change"
-    turns = True
     reveals = "distance_m"
     systematic: ClassVar[Mapping[str, float]] = {"change": 0.12, "length": 0.5}
     words = Words(
@@ -231,16 +232,6 @@ class Wear(Effect):
         return Columns(compute, HATS if free else 1, filtered=True)
 
     @classmethod
-    def variants(cls, params: Params) -> list[dict[str, float]]:
-        """Another share at each speed: where the theory's parts are wrong, time and distance still tell."""
-        return [dict(params) | {"shape": FREE}]
-
-    @classmethod
-    def plainer(cls, params: Params) -> list[dict[str, float]]:
-        """The theory's own share."""
-        return _plain(params)
-
-    @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
         """Relative change and length; in the free shape the change of the friction at low speed."""
         low = weights_at(place_of(LOW_SPEED))[0] if len(weights) > 1 else np.ones(1)
@@ -270,11 +261,6 @@ def _either_shape(whole: float, name: str) -> list[dict[str, float]]:
     """Return where a slow change of a gain is begun, by its constant as a share of the whole recording."""
     plain = chosen(whole * np.array([1 / 12, 1 / 6, 1 / 3, 2 / 3, 2.0]), name)
     return [*plain, *(dict(one) | {"shape": FREE} for one in chosen(whole * np.array([1 / 6, 2 / 3]), name))]
-
-
-def _plain(params: Params) -> list[dict[str, float]]:
-    """Return a slow change of a gain in its plain form, or nothing where it has that."""
-    return [{n: v for n, v in params.items() if n != "shape"}] if params.get("shape", 0.0) >= FREE else []
 
 
 def _nearer(part_N: Floats, own: int, other: int, f: Features, r: Reference) -> bool:

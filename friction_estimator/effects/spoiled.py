@@ -3,7 +3,7 @@
 import numpy as np
 import scipy  # its parts are loaded where they are first used: 0.1 s of a start
 
-from friction_estimator.core.intake.kinks import at_kinks
+from friction_estimator.core.intake.kinks import about, at_kinks
 from friction_estimator.core.quantities import FORCE, quantity
 from friction_estimator.core.sample import Bools, Floats, Ints
 from friction_estimator.effects.base import Effect, Key, Words, effect, form_key
@@ -37,8 +37,6 @@ CROWD = 0.3
 ONE_PLACE = 0.02
 """Share of the samples that lie between hits, too few to crowd, of one cause: a scratch, or what comes after a turn."""
 
-AROUND = 5
-"""Samples to each side of a kink of the velocity in which it may make a spike: a memory may shift it there."""
 AGAIN = 0.5
 """Of a hit, what a cycle later must be off as well for it to have come again."""
 MOSTLY = 0.5
@@ -283,8 +281,7 @@ def _repeated(view: DataView, hit: Bools, innovation: Floats) -> Bools:
     out, known = np.zeros(hit.size, np.bool_), np.zeros(hit.size, np.bool_)
     if view.pairs is None:
         return out
-    bent = at_kinks(view.features.velocity_m_s, view.restart)
-    hit = hit & (np.convolve(bent, np.ones(2 * AROUND + 1), "same") > 0.5)
+    hit = hit & about(at_kinks(view.features.velocity_m_s, view.restart))
     padded = np.pad(innovation, 1)
     for one, other in (view.pairs, view.pairs[::-1]):
         here, there = one[hit[one]], other[hit[one]]

@@ -15,6 +15,8 @@ BESIDE = (2, 3)
 """Samples to each side of a kink that are compared with it: one between two samples shows in both."""
 BACK = 0.5
 """Of a second difference, what its neighbour must have against it for both to be a jump."""
+AROUND = 5
+"""Samples to each side of a kink in which it may show in a force: a time of the force, or a memory, shifts it there."""
 MOST_KINKED = 0.15
 """Share of the samples at kinks beyond which they are no exceptions."""
 
@@ -50,3 +52,12 @@ def at_kinks(velocity_m_s: Floats, restart: Bools) -> Bools:
     nearby = np.max([padded[BESIDE[-1] + k :][: bend.size] for d in BESIDE for k in (-d, d)], axis=0)
     found &= np.abs(bend) > KINK * nearby
     return found if found.mean() < MOST_KINKED else np.zeros(found.size, np.bool_)
+
+
+def about(kinks: Bools) -> Bools:
+    """Return the samples in which a kink may show in a force, (n,): itself, and `AROUND` to each side.
+
+    >>> about(np.arange(20) == 3).nonzero()[0].tolist()
+    [0, 1, 2, 3, 4, 5, 6, 7, 8]
+    """
+    return np.asarray(np.convolve(kinks, np.ones(2 * AROUND + 1), "same") > 0.5)
