@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_records import ONE_PRESSURE, chosen, record, set_of
+from diagnosis_records import ONE_PRESSURE, chosen, names, record, set_of
 
 from friction_estimator.core.sample import Floats, Samples
 from friction_estimator.core.settings.config import Config
@@ -143,6 +143,30 @@ def test_a_threshold_that_a_ramp_goes_through_is_no_step_in_time() -> None:
     assert result.remainder is not None
 
 
+@pytest.mark.parametrize("plant", ["clean", "stribeck"])
+@pytest.mark.parametrize(
+    ("hidden", "size", "way", "constant", "speeds"),
+    [
+        ("viscosity_drift:drop=0.1", "friction_drop", -1.0, {"time_constant": 20.0}, (0.98, 1.0)),
+        ("wear:change=0.1", "friction_change", 1.0, {"length": 1.0}, (0.02, 0.05)),
+    ],
+)
+def test_at_one_pressure_a_slow_change_is_one_of_the_friction(plant, hidden, size, way, constant, speeds) -> None:
+    """Nothing there says which share of the friction is the theory's: a drop of 0.1 was 0.71 or 1.00."""
+    ((name, value),) = constant.items()
+    hidden = f"{hidden},{name}={value}"
+    with_it, without = (record(e, plant=plant, segments=ONE_PRESSURE, noise=0.0) for e in ([hidden], []))
+    speed = np.abs(without.velocity_m_s)
+    gone_by = with_it.time_s if name == "time_constant" else np.cumsum(speed * np.gradient(with_it.time_s))
+    there = (speed >= speeds[0] * speed.max()) & (speed <= speeds[1] * speed.max())
+    more, done = with_it.friction_N[there] / without.friction_N[there] - 1.0, -np.expm1(-gone_by[there] / value)
+    true = way * float(done @ more) / float(done @ done)
+    found = diagnose([record([hidden], plant=plant, segments=ONE_PRESSURE)], Config(), catalogue=SLOW_ONES)
+    assert names(found) == [hidden.split(":", maxsplit=1)[0]]
+    assert found.effects[0].parameters.keys() == {size, name}
+    assert found.effects[0].parameters[size].value == pytest.approx(true, rel=0.3)
+
+
 def test_friction_that_rises_as_the_oil_warms_is_the_oils() -> None:
     """A thinner film takes less of the load: of the plain form the sign was wrong, and the free shape was not asked.
 
@@ -166,6 +190,7 @@ def test_the_plain_form_is_taken_where_the_free_one_explains_no_more_than_chance
     """The screen's best was the free shape, whose size the record did not tell: a step of the gain was named."""
     triangles = (segment(1.0, 50.0, 15.0, "triangle"), segment(5.0, 50.0, 30.0, "triangle"))
     samples = simulate(Scenario(triangles, "clean", 100.0, noise, 100, (parse_effect(hidden),))).samples
-    (found,) = diagnose([samples], Config(), catalogue=SLOW_ONES).effects
-    assert found.name == hidden.split(":", maxsplit=1)[0]
-    assert found.parameters.keys() <= {"drop", "time_constant", "change", "length"}
+    found = diagnose([samples], Config(), catalogue=SLOW_ONES)
+    (term,) = found.models[-1].terms
+    assert [effect.name for effect in found.effects] == [term.name] == [hidden.split(":", maxsplit=1)[0]]
+    assert term.weights.size == 1

@@ -359,6 +359,18 @@ def test_a_step_beside_bristles_is_found_under_multisines(at_s, left) -> None:
     assert result.unexplained_percent < left
 
 
+def test_bristles_are_not_given_up_for_a_pressure_that_leaves_the_memory_much_to_do() -> None:
+    """What the memory saved counted in the variance that the pressure left alone: 42 % were left, and no relaxation."""
+    drive = (segment(2.0, 50.0, 40.0), segment(5.0, 200.0, 40.0))
+    hidden = parse_effect("viscoelastic_relaxation:size=0.04,time_constant=1.4")
+    samples = simulate(Scenario(drive, "maxwell_slip", 100.0, 0.01, 3, (hidden,))).samples
+    some = chosen("presliding", "viscoelastic_relaxation", "pressure_dependence", "time_delay")
+    result = diagnose([samples], Config(), catalogue=some)
+    assert names(result) == ["presliding", "viscoelastic_relaxation"]
+    assert result.effects[1].parameters["time_constant"].low < 1.4 < result.effects[1].parameters["time_constant"].high
+    assert result.unexplained_percent < 3.0
+
+
 def test_a_well_in_which_bristles_push_is_none() -> None:
     """Forces of either sign that nearly cancel fit best, and with them refused a film's lag was told, 67 % left."""
     segments = (segment(2.0, 60.0, 20.0, "triangle"), segment(7.0, 200.0, 28.0, "triangle"))

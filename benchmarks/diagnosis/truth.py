@@ -51,6 +51,8 @@ HATS = 24
 PRESSURE_NODES = 5
 EVALUATIONS = 40
 SCAN = 61
+ONE_PRESSURE = 0.05
+"""Of the largest pressure: a range up to which there is one, at which any share of the friction may be the theory's."""
 AT_EDGE = 1.01
 """Factor within which a sought value lies at an end of its bracket: the columns cannot make that change there, as where
 a late velocity acts on bristles, which the plant's static curve does not have. Then nobody knows what is true."""
@@ -114,7 +116,9 @@ def best_fit(effect: Effect, made: Made, index: int, plant: str) -> dict[str, Ra
             elif not low * AT_EDGE < params[name] < high / AT_EDGE:
                 unknown.add(name)
         loss, weights = fitted(params)
-        found: dict[str, Range] = {name: value for name, (value, _) in cls.physical(params, weights, context).items()}
+        found: dict[str, Range] = {
+            name: value for name, (value, _) in cls.told(params, weights, context, reference).items()
+        }
         for name, value in (found | plateaus).items():
             # A shape may have quantities of its own: each is that of the best shape that has it.
             if name not in told or loss < told[name][0]:
@@ -192,6 +196,7 @@ def _context(features: Features, made: Made) -> Context:
         "sign_velocity_m_s": min(made.config.seal.sign_velocity, top / 20.0),
         "pressure_levels": int(np.count_nonzero(np.histogram(features.pressure_Pa, 10)[0] > 0.02 * features.size)),
         "channels": ("position", "pressure", "temperature"),
+        "theory_told": float(np.ptp(features.pressure_Pa)) > ONE_PRESSURE * float(np.abs(features.pressure_Pa).max()),
     }
     known = {field.name for field in fields(Context)}
     return Context(**{name: value for name, value in facts.items() if name in known})

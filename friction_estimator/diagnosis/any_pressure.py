@@ -13,7 +13,8 @@ from friction_estimator.core.sample import Floats, Ints
 from friction_estimator.diagnosis.forms import SHARE
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.lack_of_fit import Wider
-from friction_estimator.diagnosis.pressures import pressure_range, recorded_steps
+from friction_estimator.diagnosis.pressures import recorded_steps
+from friction_estimator.diagnosis.record import pressure_range
 from friction_estimator.effects.features import Features
 from friction_estimator.effects.shapes import HATS, hats
 from friction_estimator.effects.whole import FirstOrder

@@ -159,17 +159,19 @@ class Candidates:
         left = {name: c for name, c in shaped.items() if name not in likenesses}
         return likenesses | self.in_best_forms(model, left, close)
 
-    def _physical(self, term: Term) -> dict[str, float]:
-        values = term.effect.physical(term.params, term.weights, self.context)
-        return {name: value for name, (value, _) in values.items()}
+    def _told(self, joint: Joint) -> list[dict[str, float]]:
+        """Return the quantities of each term of a fit."""
+        told = (t.effect.told(t.params, t.weights, self.context, joint.reference) for t in joint.terms)
+        return [{name: value for name, (value, _) in values.items()} for values in told]
 
     def moved_by(self, model: Model, one: Candidate) -> list[dict[str, float]]:
         """Return by how much the quantities of each term of a model differ where the candidate stands beside them.
 
         More may stand beside them there, and less.
         """
-        beside = {term.name: self._physical(term) for term in one.model.joint.terms[:-1]}
-        told = [(self._physical(term), beside.get(term.name, {})) for term in model.joint.terms]
+        terms = one.model.joint.terms[:-1]
+        beside = {term.name: told for term, told in zip(terms, self._told(one.model.joint), strict=False)}
+        told = zip(self._told(model.joint), (beside.get(term.name, {}) for term in model.joint.terms), strict=True)
         return [{n: abs(b[n] - value) for n, value in a.items() if n in b} for a, b in told]
 
     def apart(self, model: Model, after: Model, left_N2: float) -> dict[str, float]:
@@ -182,7 +184,7 @@ class Candidates:
         model, after : without and with that term. left_N2 : what no cause explains, by which they may be behind.
         """
         last = after.joint.terms[-1]
-        told, gain = self._physical(last), sum(gain_parts(model, after))
+        told, gain = self._told(after.joint)[-1], sum(gain_parts(model, after))
         out: dict[str, float] = {}
         for (known, name, _), other in self._known.items():
             if known is not model or name != last.name or other is None or other.model is after or other.belied:
@@ -190,7 +192,7 @@ class Candidates:
             if gain - other.gain - PLAIN * other.samples_N2 > left_N2:
                 continue
             if self.known_sign(other):  # where nothing is known, no value says anything
-                values = self._physical(other.term)
+                values = self._told(other.model.joint)[-1]
                 out |= {n: max(abs(value - told[n]), out.get(n, 0.0)) for n, value in values.items() if n in told}
         return out
 

@@ -11,6 +11,7 @@ from friction_estimator.diagnosis.candidate import (
     Model,
     equals,
     equals_on,
+    gain_parts,
     needs_memory,
     plainest,
     within_errors,
@@ -79,7 +80,7 @@ class Comparison:
         best = self._fits.shaped(model, best)
         options = self._options(best, fits, plain)
         if len(options) > 1 and any(self._guards.brings_share(model, option, causes) for option in options):
-            best = self._ahead(options)
+            best = self._ahead(model, options)
         best = self._fits.resettled(model, best)
         found = alike(view.evidence, view.library, best.model.joint.parts_N[-1], CONTENDER)
         for name in [n for n in closest(found, SET_ERRORS, SET_SHARE) if n not in plain and n not in out][:MOST_ALIKE]:
@@ -154,21 +155,28 @@ class Comparison:
         noise = self._views.left_N2(best.model) < SECOND_SHARE * best.gain
         return [best] if noise else options
 
-    def _ahead(self, options: Sequence[Candidate]) -> Candidate:
+    def _ahead(self, model: Model, options: Sequence[Candidate]) -> Candidate:
         """Return the one that explains most together with the cause that would come after it.
 
         A cause more must bring its share, and a parameter more what it brings beyond chance.
         """
-        return max(options, key=lambda option: self._worth(option, options[0]))
+        return max(options, key=lambda option: self._worth(model, option, options[0]))
 
-    def _worth(self, option: Candidate, best: Candidate) -> float:
-        """Return the gain of an option with the best cause after it, less what further parameters bring by chance."""
-        after = list(self._views.followers(option.model))
-        alone = option.gain - PLAIN * option.freedom * best.samples_N2
-        with_more = [c.gain - PLAIN * c.freedom * best.samples_N2 - SECOND_SHARE * best.gain for c in after]
+    def _worth(self, model: Model, option: Candidate, best: Candidate) -> float:
+        """Return the gain of an option with the best cause after it, less what further parameters bring by chance.
+
+        What the memory saves counts in the variance that both leave: the option alone may leave far more, by which its
+        memory would be worth as much more.
+        """
+        chance_N2 = PLAIN * best.samples_N2
+        alone = option.gain - chance_N2 * option.freedom
+        both = [
+            sum(gain_parts(model, c.model)) - chance_N2 * (option.freedom + c.freedom) - SECOND_SHARE * best.gain
+            for c in self._views.followers(option.model)
+        ]
         if option is not best:
             self._views.forget(option.model)
-        return alone + max([0.0, *with_more])
+        return max([alone, *both])
 
     def _not_told_apart(self, model: Model, best: Candidate, other: Candidate) -> bool:
         """Return whether the record does not tell another candidate from the best one, although it explains less.

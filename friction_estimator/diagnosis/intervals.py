@@ -142,7 +142,7 @@ def estimates(
         ) -> dict[str, tuple[float, str]]:
             params = term.params | dict(zip(names, point[free:].tolist(), strict=True))
             weights = point[:free] if free else np.ones(1)
-            return term.effect.physical(params, weights, context)
+            return term.effect.told(params, weights, context, joint.reference)
 
         centre = values(theta)
         found = {}

@@ -3,14 +3,11 @@
 import numpy as np
 
 from friction_estimator.core.sample import Floats, Ints
-from friction_estimator.diagnosis.record import Record
+from friction_estimator.diagnosis.record import LEAST_RANGE, Record, pressure_range
 from friction_estimator.effects.features import Features
 
 APART = 0.1
 """Share of the pressures' range by which two pressures differ."""
-
-LEAST_RANGE = 0.05
-"""Of the largest pressure: a range below which there is one pressure."""
 
 BRIEF = 0.05
 """Share of the record up to which a pressure is not one of its levels: the chamber is vented at the end."""
@@ -18,12 +15,6 @@ BRIEF = 0.05
 CELLS, MOST_CELLS, LEAST_IN_CELL = 100, 0.5, 0.002
 """Parts of the pressures' range, the share of them beyond which a record goes through all pressures and holds none, and
 the share of the samples from which a part counts."""
-
-
-def pressure_range(pressure_Pa: Floats) -> tuple[float, float]:
-    """Return the lowest and the highest pressure, Pa, but for a few samples: one spike is no pressure."""
-    low, high = np.quantile(pressure_Pa, [0.005, 0.995])
-    return float(low), float(high)
 
 
 def recorded_steps(features: Features) -> Floats:

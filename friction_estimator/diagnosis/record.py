@@ -27,6 +27,9 @@ USUAL_BLOCKS = 40
 SHORTEST_BLOCK = 64
 """Samples; shorter blocks would not be independent of each other."""
 
+LEAST_RANGE = 0.05
+"""Of the largest pressure: a range below which there is one pressure."""
+
 STEEPEST = 0.999
 """Quantile of the acceleration that counts as the largest: what turns the shaft within a gap."""
 
@@ -136,7 +139,21 @@ class Record:
             channels=tuple(channels),
             longest_piece_s=float(np.bincount(f.piece, weights=f.step_s).max()),
             held=tuple(zip(forward, backward, strict=True)),
+            # At one pressure any curve of the speed may be the theory's part or the learned one's.
+            theory_told=config.theory_kind == "seal" and spans_pressures(f.pressure_Pa),
         )
+
+
+def pressure_range(pressure_Pa: Floats) -> tuple[float, float]:
+    """Return the lowest and the highest pressure, Pa, but for a few samples: one spike is no pressure."""
+    low, high = np.quantile(pressure_Pa, [0.005, 0.995])
+    return float(low), float(high)
+
+
+def spans_pressures(pressure_Pa: Floats) -> bool:
+    """Return whether there is more than one pressure."""
+    low, high = pressure_range(pressure_Pa)
+    return high - low >= LEAST_RANGE * max(abs(low), abs(high), 1.0)
 
 
 def joined(recordings: Sequence[Samples]) -> tuple[Samples, Ints]:

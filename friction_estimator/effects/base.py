@@ -5,7 +5,7 @@ diagnosis proposes for it (`grid`, `columns`), and what a test engineer should k
 """
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
@@ -75,6 +75,8 @@ class Words:
 
 
 Params = Mapping[str, float]
+Stated = dict[str, tuple[float, str]]
+"""Name of a quantity -> value and unit."""
 
 EVERYWHERE, REVERSAL, SLOW = "everywhere", "reversal", "slow"
 """Values of `Effect.acts`."""
@@ -274,9 +276,14 @@ class Effect:
         return SideBySide([cls.columns(params) for params in points])
 
     @classmethod
-    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
-        """Return fitted quantities in the names of the keys: name -> (value, unit); shapes and the like are none."""
+    def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:  # noqa: ARG003
+        """Return fitted quantities in the names of the keys; shapes and the like are none."""
         return {key.name: (params[key.name], key.unit) for key in cls.keys if key.name in params}
+
+    @classmethod
+    def told(cls, params: Params, weights: Floats, context: Context, reference: Reference) -> Stated:  # noqa: ARG003
+        """Return what is stated of the fitted quantities: `physical`, or what the record tells instead."""
+        return cls.physical(params, weights, context)
 
     @classmethod
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
@@ -438,12 +445,3 @@ def parse_effect(text: str) -> Effect:
         except ValueError:
             raise ConfigError(f"effect {name}: size={size!r} is no number") from None
     return cls(size=size, **values)
-
-
-def chosen(values: Iterable[float], name: str) -> list[dict[str, float]]:
-    """Return a one-parameter grid.
-
-    >>> chosen([1, 2], "delay")
-    [{'delay': 1.0}, {'delay': 2.0}]
-    """
-    return [{name: float(value)} for value in values]

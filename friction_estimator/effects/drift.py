@@ -8,13 +8,16 @@ import numpy as np
 
 from friction_estimator.core.quantities import POSITION, quantity
 from friction_estimator.core.sample import Floats
-from friction_estimator.effects.base import SLOW, Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.base import SLOW, Effect, Key, Params, Stated, Words, effect, form_key
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
-from friction_estimator.effects.grids import STRAIGHT
-from friction_estimator.effects.reference import BOUNDARY, VISCOUS, Reference
+from friction_estimator.effects.grids import STRAIGHT, chosen
+from friction_estimator.effects.reference import BOUNDARY, FORCE, VISCOUS, Reference
 from friction_estimator.effects.shapes import FREE, HATS, LOW_SPEED, hats, place_of, weights_at
 from friction_estimator.effects.trace import Trace
+
+LEAST_FORCE = 1e-3
+"""Of the friction at top speed: what that at another speed is taken as at the least where it is divided by."""
 
 
 @effect
@@ -70,7 +73,7 @@ class SensorDrift(Effect):
         return Columns(compute, 3)
 
     @classmethod
-    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
+    def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:  # noqa: ARG003
         """Total drift in N."""
         return {"total": (float(np.sum(weights)), "N")}
 
@@ -78,12 +81,62 @@ class SensorDrift(Effect):
 
 
 class _SlowGain(Effect):
-    """A part of the friction that changes slowly: the theory's own, or, in the free shape, any share at each speed."""
+    """A part of the friction that changes slowly: the theory's own, or, in the free shape, any share at each speed.
+
+    Attributes
+    ----------
+    along : what it goes on with: a field of the features. way : sign of the change. own, other : part of the theory
+        that changes, and the one that another cause changes. told_at : share of the top speed at which a change of the
+        friction is stated.
+    """
 
     family = "slow_gain"
     stage = "lubrication"
     acts = SLOW
     turns = True
+    along: ClassVar[str]
+    way: ClassVar[float]
+    own: ClassVar[int]
+    other: ClassVar[int]
+    told_at: ClassVar[float]
+
+    @classmethod
+    def starts(cls, whole: float) -> list[dict[str, float]]:
+        """Return where it is begun: constants from a twelfth of the whole to twice it, and two of the free shape."""
+        name = cls.refined[0]
+        plain = chosen(whole * np.array([1 / 12, 1 / 6, 1 / 3, 2 / 3, 2.0]), name)
+        free = [dict(one) | {"shape": FREE} for one in chosen(whole * np.array([1 / 6, 2 / 3]), name)]
+        return [*plain, *free]
+
+    @classmethod
+    def columns(cls, params: Params) -> Columns:
+        """Return the theory's part times 1 - exp(-x / constant); in the free shape F times hats of the speed so."""
+        free, constant = is_free(params), params[cls.refined[0]]
+
+        def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
+            done = cls.way * (1.0 - np.exp(-getattr(f, cls.along) / constant))
+            if free:
+                return np.asarray(
+                    done[:, None] * r.force(f.velocity_m_s, f.pressure_Pa)[:, None] * hats(f.velocity_m_s, r)
+                )
+            return np.asarray(done * r.part(cls.own, f.velocity_m_s, f.pressure_Pa))
+
+        return Columns(compute, HATS if free else 1, filtered=True)
+
+    @classmethod
+    def told(cls, params: Params, weights: Floats, context: Context, reference: Reference) -> Stated:
+        """At one pressure any share of the friction may be the theory's: told is a change of the friction."""
+        if is_free(params) or context.theory_told:
+            return cls.physical(params, weights, context)
+        speed = np.array([cls.told_at * context.top_speed_m_s])
+        part, whole = reference.once(speed, np.array([context.pressure_mean_Pa]), cls.own, FORCE)
+        share = float(part[0] / max(abs(whole[0]), LEAST_FORCE * reference.top_N))
+        return cls.physical(dict(params) | {"shape": FREE}, np.full(HATS, share * weights[0]), context)
+
+    @classmethod
+    def belied(cls, params: Params, part_N: Floats, features: Features, reference: Reference) -> bool:
+        """A free shape that is nearer to a change of the theory's other part is that of another cause."""
+        return is_free(params) and not _nearer(part_N, cls.own, cls.other, features, reference)
 
     @classmethod
     def variants(cls, params: Params) -> list[dict[str, float]]:
@@ -93,7 +146,7 @@ class _SlowGain(Effect):
     @classmethod
     def plainer(cls, params: Params) -> list[dict[str, float]]:
         """The theory's own share."""
-        return [{n: v for n, v in params.items() if n != "shape"}] if params.get("shape", 0.0) >= FREE else []
+        return [{n: v for n, v in params.items() if n != "shape"}] if is_free(params) else []
 
 
 @effect
@@ -131,32 +184,19 @@ class ViscosityDrift(_SlowGain):
 
     @classmethod
     def grid(cls, context: Context) -> list[dict[str, float]]:
-        """Time constants from a twelfth of the recording to twice its length; of the free shape, two of them.
+        """Time constants in shares of the recording.
 
         Where a thinner film takes less of the load, friction rises as the oil warms: the plain form has no sign for it.
         """
-        return _either_shape(context.duration_s, "time_constant")
+        return cls.starts(context.duration_s)
 
     @classmethod
-    def columns(cls, params: Params) -> Columns:
-        """Return -dF/dln(viscosity) (1 - exp(-t / tau)); in the free shape -F times hat functions of the speed so."""
-        free = params.get("shape", 0.0) >= FREE
-
-        def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
-            done = 1.0 - np.exp(-f.time_s / params["time_constant"])
-            if free:
-                return -done[:, None] * _by_speed(f, r)
-            return -done * r.part(VISCOUS, f.velocity_m_s, f.pressure_Pa)
-
-        return Columns(compute, HATS if free else 1, filtered=True)
-
-    @classmethod
-    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
+    def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:  # noqa: ARG003
         """Drop and time constant; in the free shape the drop of the friction at top speed, which is another thing.
 
         Where the theory's viscous part does not fit, nothing says how much of the friction is viscous.
         """
-        name = "friction_drop" if params.get("shape", 0.0) >= FREE else "drop"
+        name = "friction_drop" if is_free(params) else "drop"
         return {name: (1.0 - float(np.exp(-weights[-1])), ""), "time_constant": (params["time_constant"], "s")}
 
     @classmethod
@@ -171,11 +211,7 @@ class ViscosityDrift(_SlowGain):
             return f"its time constant of {params['time_constant']:.3g} s is beyond twice the recording"
         return None
 
-    @classmethod
-    def belied(cls, params: Params, part_N: Floats, features: Features, reference: Reference) -> bool:
-        """A free shape that is nearer to a change of the boundary level is that of wear."""
-        return params.get("shape", 0.0) >= FREE and not _nearer(part_N, VISCOUS, BOUNDARY, features, reference)
-
+    along, way, own, other, told_at = "time_s", -1.0, VISCOUS, BOUNDARY, 1.0
     signs = (1,)
     refined = ("time_constant",)
 
@@ -215,27 +251,15 @@ class Wear(_SlowGain):
 
     @classmethod
     def grid(cls, context: Context) -> list[dict[str, float]]:
-        """Lengths from a twelfth of the distance run to twice it; of the free shape, two of them."""
-        return _either_shape(context.distance_m, "length")
+        """Lengths in shares of the distance run."""
+        return cls.starts(context.distance_m)
 
     @classmethod
-    def columns(cls, params: Params) -> Columns:
-        """Return dF/dln(mu_b) (1 - exp(-s / L)); in the free shape F times hat functions of the speed so."""
-        free = params.get("shape", 0.0) >= FREE
-
-        def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
-            done = 1.0 - np.exp(-f.distance_m / params["length"])
-            if free:
-                return done[:, None] * _by_speed(f, r)
-            return done * r.part(BOUNDARY, f.velocity_m_s, f.pressure_Pa)
-
-        return Columns(compute, HATS if free else 1, filtered=True)
-
-    @classmethod
-    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
+    def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:  # noqa: ARG003
         """Relative change and length; in the free shape the change of the friction at low speed."""
         low = weights_at(place_of(LOW_SPEED))[0] if len(weights) > 1 else np.ones(1)
-        return {"change": (float(low @ weights), ""), "length": (params["length"], "m")}
+        name = "friction_change" if is_free(params) else "change"
+        return {name: (float(low @ weights), ""), "length": (params["length"], "m")}
 
     @classmethod
     def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
@@ -249,18 +273,13 @@ class Wear(_SlowGain):
             return f"its length of {quantity(params['length'], POSITION, '.3g')} is beyond twice the distance run"
         return None
 
-    @classmethod
-    def belied(cls, params: Params, part_N: Floats, features: Features, reference: Reference) -> bool:
-        """A free shape that is nearer to a change of the viscosity is that of warming."""
-        return params.get("shape", 0.0) >= FREE and not _nearer(part_N, BOUNDARY, VISCOUS, features, reference)
-
+    along, way, own, other, told_at = "distance_m", 1.0, BOUNDARY, VISCOUS, LOW_SPEED
     refined = ("length",)
 
 
-def _either_shape(whole: float, name: str) -> list[dict[str, float]]:
-    """Return where a slow change of a gain is begun, by its constant as a share of the whole recording."""
-    plain = chosen(whole * np.array([1 / 12, 1 / 6, 1 / 3, 2 / 3, 2.0]), name)
-    return [*plain, *(dict(one) | {"shape": FREE} for one in chosen(whole * np.array([1 / 6, 2 / 3]), name))]
+def is_free(params: Params) -> bool:
+    """Return whether a slow change of a gain is any share of the friction at each speed."""
+    return params.get("shape", 0.0) >= FREE
 
 
 def _nearer(part_N: Floats, own: int, other: int, f: Features, r: Reference) -> bool:
@@ -271,11 +290,6 @@ def _nearer(part_N: Floats, own: int, other: int, f: Features, r: Reference) -> 
     parts = [r.part(which, f.velocity_m_s, f.pressure_Pa) for which in (own, other)]
     along = [abs(float(part_N @ part)) / max(float(np.sqrt(part @ part)), 1e-300) for part in parts]
     return along[0] >= along[1]
-
-
-def _by_speed(f: Features, r: Reference) -> Floats:
-    """Return the friction times hat functions of the speed, (n, HATS)."""
-    return np.asarray(r.force(f.velocity_m_s, f.pressure_Pa)[:, None] * hats(f.velocity_m_s, r))
 
 
 def _settled(ratio: Floats, form: float) -> Floats:

@@ -7,10 +7,10 @@ import numpy as np
 
 from friction_estimator.core.model.load import LOADS
 from friction_estimator.core.sample import Floats
-from friction_estimator.effects.base import Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.base import Effect, Key, Params, Stated, Words, effect, form_key
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
-from friction_estimator.effects.grids import below, geometric, longest_relaxation_s
+from friction_estimator.effects.grids import below, chosen, geometric, longest_relaxation_s
 from friction_estimator.effects.kernels import maxwell
 from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.trace import Trace
@@ -60,7 +60,7 @@ class Inertia(Effect):
         return Columns(lambda f, _r, _s: load.columns(f, load.keys))
 
     @classmethod
-    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
+    def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:  # noqa: ARG003
         """Mass in kg."""
         return {"mass": (float(weights[0]), "kg")}
 
@@ -146,7 +146,7 @@ class SideSpring(Effect):
         return Columns(compute)
 
     @classmethod
-    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
+    def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:  # noqa: ARG003
         """Stiffness."""
         return {"stiffness": (float(weights[0]), "N/m")}
 
@@ -229,7 +229,7 @@ class ViscoelasticRelaxation(Effect):
         return Columns(compute, state=1)
 
     @classmethod
-    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
+    def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:  # noqa: ARG003
         """Stiffness and time constant."""
         return {"stiffness": (float(weights[0]), "N/m"), "time_constant": (params["time_constant"], "s")}
 

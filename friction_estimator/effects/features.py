@@ -31,6 +31,7 @@ class Context:
     longest_piece_s : longest time without a gap, s; 0 where it is not known.
     motion : "linear" or "rotary"; "" where it is not known.
     held : for each recording its samples in use, forward and backward; empty where it is not known.
+    theory_told : whether the record tells the theory's parts of the friction from the rest.
     """
 
     duration_s: float
@@ -50,6 +51,7 @@ class Context:
     longest_piece_s: float = 0.0
     motion: str = ""
     held: tuple[tuple[int, int], ...] = ()
+    theory_told: bool = True
 
 
 @dataclass(frozen=True, eq=False)

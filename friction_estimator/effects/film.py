@@ -7,10 +7,10 @@ from typing import ClassVar
 import numpy as np
 
 from friction_estimator.core.sample import Floats
-from friction_estimator.effects.base import REVERSAL, Effect, Film, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.base import REVERSAL, Effect, Film, Key, Params, Stated, Words, effect, form_key
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
-from friction_estimator.effects.grids import below, beyond_time, times
+from friction_estimator.effects.grids import below, beyond_time, chosen, times
 from friction_estimator.effects.kernels import DELAY_LINE, LEAST_FILM, delayed, film_speed, film_way, on_film
 from friction_estimator.effects.reference import FORCE, THEORY, Reference
 from friction_estimator.effects.trace import Trace
@@ -85,7 +85,7 @@ class SqueezeFilm(Effect):
         return [dict(params) | {"both": 1.0}]
 
     @classmethod
-    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:
+    def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:
         """Amplitude and speed; a speed above the largest of the drive is not told: it may be any."""
         told = {"amplitude": (float(np.sum(weights)), "kg")}
         return told if params["speed"] > context.top_speed_m_s else told | {"speed": (params["speed"], "m/s")}

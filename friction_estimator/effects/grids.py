@@ -1,5 +1,7 @@
 """Search spaces in units of the record, and what lies beyond it: alike from 1e-3 to 1 m/s and from 100 Hz to 5 kHz."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from friction_estimator.core.quantities import POSITION, quantity
@@ -33,6 +35,15 @@ RELAXED = 0.2
 
 STRAIGHT = 2.0
 """Times the record: an exponential that is longer is a straight line, and so is this one."""
+
+
+def chosen(values: Iterable[float], name: str) -> list[dict[str, float]]:
+    """Return a one-parameter grid.
+
+    >>> chosen([1, 2], "delay")
+    [{'delay': 1.0}, {'delay': 2.0}]
+    """
+    return [{name: float(value)} for value in values]
 
 
 def geometric(low: float, high: float, ratio: float = 2.0) -> Floats:

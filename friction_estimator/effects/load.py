@@ -7,9 +7,10 @@ import numpy as np
 from friction_estimator.core.model.load import LOADS
 from friction_estimator.core.quantities import LINEAR
 from friction_estimator.core.sample import Floats
-from friction_estimator.effects.base import Effect, Key, Params, Words, chosen, effect
+from friction_estimator.effects.base import Effect, Key, Params, Stated, Words, effect
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
+from friction_estimator.effects.grids import chosen
 from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.trace import Trace
 
@@ -76,7 +77,7 @@ class Gravity(Effect):
         return Columns(lambda f, _r, _s: load.columns(f, load.keys), len(load.parts))
 
     @classmethod
-    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
+    def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:  # noqa: ARG003
         """Largest torque, and where the weight hangs."""
         sin, cos = (float(w) for w in weights)
         return {"torque": (math.hypot(sin, cos), "N"), "angle": (math.atan2(-cos, sin), "rad")}
@@ -143,7 +144,7 @@ class LoadDependence(Effect):
         return Columns(compute)
 
     @classmethod
-    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
+    def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:  # noqa: ARG003
         """Friction added by the largest load, and where there is none."""
         return {"friction": (float(weights[0]), "N"), "angle": (params["angle"], "rad")}
 

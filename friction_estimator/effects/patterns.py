@@ -6,10 +6,10 @@ import numpy as np
 
 from friction_estimator.core.quantities import POSITION, quantity
 from friction_estimator.core.sample import Floats
-from friction_estimator.effects.base import Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.base import Effect, Key, Params, Stated, Words, effect, form_key
 from friction_estimator.effects.columns import RECORDINGS, Columns, SideBySide, amplitudes, own_phases, several
 from friction_estimator.effects.features import Context, Features
-from friction_estimator.effects.grids import longest_piece_s
+from friction_estimator.effects.grids import chosen, longest_piece_s
 from friction_estimator.effects.kernels import wave_comb, waves
 from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.spectrum import SLOWEST, ripple_power, ripple_wavelengths, spectral_lines
@@ -119,7 +119,7 @@ class PositionDependence(Effect):
         return [params["wavelength"], *(params[name] for name in cls.refined[1:] if name in params)]
 
     @classmethod
-    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:
+    def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:
         """Amplitude in each direction (at the rms of friction, where it modulates) and wavelength, of each ripple."""
         unit = context.force_rms_N if params.get("modulates", 0.0) >= 0.5 else 1.0
         ways = amplitudes(weights, params, context.held).reshape(-1, 2) * unit
@@ -236,7 +236,7 @@ class PeriodicDisturbance(Effect):
         return [dict(params) | {"harmonics": 3.0}]
 
     @classmethod
-    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:
+    def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:
         """Amplitude and frequency."""
         held = [(sum(ways),) for ways in context.held]
         return {

@@ -6,12 +6,12 @@ from typing import ClassVar
 import numpy as np
 
 from friction_estimator.core.sample import Floats
-from friction_estimator.effects.base import REVERSAL, Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.base import REVERSAL, Effect, Key, Params, Stated, Words, effect, form_key
 from friction_estimator.effects.burst import LEFT_OUT, find_burst
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.detection import NOT_REPAIRED, DataView, Fault
 from friction_estimator.effects.features import Context, Features
-from friction_estimator.effects.grids import beyond_length, lengths
+from friction_estimator.effects.grids import beyond_length, chosen, lengths
 from friction_estimator.effects.kernels import hysteron, play, rest_spike, slip_chain
 from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.trace import Trace
@@ -129,7 +129,7 @@ class Breakaway(Effect):
         return Columns(compute, state=4)
 
     @classmethod
-    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
+    def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:  # noqa: ARG003
         """Height after 0.1 s of rest, and length."""
         return {"amplitude": (float(weights[0]), "N"), "length": (params["length"], "m")}
 
@@ -245,7 +245,7 @@ class Presliding(Effect):
         return [{"length": float(length), "spread": 1.0} for length in inner]
 
     @classmethod
-    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
+    def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:  # noqa: ARG003
         """Force of the bristles and their length, the mean one where they are several."""
         carried = weights[: len(SPREAD)]
         amplitude = float(np.sum(carried))

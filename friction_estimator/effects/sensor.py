@@ -7,7 +7,7 @@ import numpy as np
 
 from friction_estimator.core.quantities import FORCE, quantity
 from friction_estimator.core.sample import Floats
-from friction_estimator.effects.base import Effect, Key, Params, Words, effect, form_key
+from friction_estimator.effects.base import Effect, Key, Params, Stated, Words, effect, form_key
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.detection import MASKED, NOT_REPAIRED, DataView, Fault
 from friction_estimator.effects.features import Context, Features
@@ -72,7 +72,7 @@ class SensorBias(Effect):
         return Columns(lambda f, _r, _s: np.ones(f.size))
 
     @classmethod
-    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
+    def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:  # noqa: ARG003
         """Bias in N."""
         return {"bias": (float(weights[0]), "N")}
 

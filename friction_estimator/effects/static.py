@@ -6,9 +6,10 @@ from typing import ClassVar
 import numpy as np
 
 from friction_estimator.core.sample import Floats
-from friction_estimator.effects.base import Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.base import Effect, Key, Params, Stated, Words, effect, form_key
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
+from friction_estimator.effects.grids import chosen
 from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.shapes import FREE, HATS, LOW_SPEED, TWICE, hats, place_of, weights_at
 from friction_estimator.effects.trace import Trace
@@ -85,7 +86,7 @@ class DirectionAsymmetry(Effect):
         return [dict(params) | {"shape": FREE}, dict(params) | {"shape": TWICE}]
 
     @classmethod
-    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
+    def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:  # noqa: ARG003
         """Relative difference of the friction at the rms speed of a sine."""
         shape = np.array([1.0, 2.0**-0.25])[: len(weights)]
         if len(weights) >= HATS - 1:
@@ -182,7 +183,7 @@ class PressureDependence(Effect):
         return [dict(params) | {"shape": FREE, "viscous": 0.0}]
 
     @classmethod
-    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
+    def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:  # noqa: ARG003
         """Change of level, and of slope, per pressure."""
         if params.get("shape", 0.0) >= FREE:
             low = weights_at(place_of(LOW_SPEED))[0]

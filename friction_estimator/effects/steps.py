@@ -6,9 +6,10 @@ from typing import ClassVar
 import numpy as np
 
 from friction_estimator.core.sample import Floats
-from friction_estimator.effects.base import SLOW, Effect, Key, Params, Words, chosen, effect, form_key
+from friction_estimator.effects.base import SLOW, Effect, Key, Params, Stated, Words, effect, form_key
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
+from friction_estimator.effects.grids import chosen
 from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.trace import Trace
 
@@ -35,7 +36,7 @@ class Step(Effect):
         return chosen(context.duration_s * np.arange(1, CHANGE_POINTS) / CHANGE_POINTS, "at")
 
     @classmethod
-    def physical(cls, params: Params, weights: Floats, context: Context) -> dict[str, tuple[float, str]]:  # noqa: ARG003
+    def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:  # noqa: ARG003
         """The jump and its time."""
         return {"step": (float(weights[0]), cls.keys[0].unit), "at": (params["at"], "s")}
 

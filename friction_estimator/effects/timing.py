@@ -14,14 +14,13 @@ from friction_estimator.effects.base import (
     Params,
     Smoother,
     Words,
-    chosen,
     effect,
     form_key,
 )
 from friction_estimator.effects.channels import seen_at
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
-from friction_estimator.effects.grids import beyond_time, times
+from friction_estimator.effects.grids import beyond_time, chosen, times
 from friction_estimator.effects.kernels import DELAY_LINE, delayed, force_lag
 from friction_estimator.effects.reference import FORCE, THEORY, Reference
 from friction_estimator.effects.trace import Trace
