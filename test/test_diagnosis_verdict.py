@@ -153,6 +153,21 @@ def test_a_coarse_lattice_does_not_hide_what_rounding_cannot_make() -> None:
     assert names(beside) == ["quantization", "velocity_delay"]
 
 
+@pytest.mark.parametrize("form", [0, 1])
+def test_steps_of_the_force_that_bristles_conceal_are_told_and_make_no_bias(form: int) -> None:
+    """Beside the base model's error they were too small for a name, and what cutting off makes was a bias."""
+    samples = record([f"quantization:step=0.1,form={form}"], plant="maxwell_slip", noise=0.03)
+    found = diagnose([samples], Config(), catalogue=chosen("presliding", "quantization", "sensor_bias"))
+    assert names(found) == ["quantization", "presliding"]
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_a_soft_rail_that_only_begins_to_bend_is_told(seed: int) -> None:
+    """Far above the force its level and its share are one number, and the fit ran to where no force comes."""
+    samples = record(["saturation:size=0.01,form=1"], noise=0.03, seed=seed)
+    assert names(diagnose([samples], Config(), catalogue=chosen("saturation", "wear"))) == ["saturation"]
+
+
 def test_a_fault_that_was_repaired_completely_is_a_note() -> None:
     samples = record()
     assert samples.position_m is not None

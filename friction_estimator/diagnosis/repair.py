@@ -102,12 +102,18 @@ def confirmed(
 def concealed(
     found: Sequence[Fault], record: Record, context: Context, final: Joint, catalogue: Catalogue = EFFECTS
 ) -> list[Fault]:
-    """Return the spoiled samples that only show in what the last model leaves: the base model's error was larger."""
+    """Return the spoiled samples, and the steps of the force, that only show in what the last model leaves.
+
+    The base model's error was larger. A constant force that was told as a cause may be what cutting off such steps
+    makes: it is left as well where steps are looked for.
+    """
     known = {fault.name for fault in found}
-    view = left_by(record, context, final, found)
-    asked = [cls for name, cls in catalogue.items() if cls.detects_at == "residual" and name not in known]
-    faults = [cls.detect(view) for cls in asked]
-    return [fault for fault in faults if fault is not None and fault.used is not None]
+    left = left_by(record, context, final, found)
+    constant_N = sum((part for part in final.parts_N if np.ptp(part) == 0.0), np.zeros(final.residual_N.size))
+    views = {"force": replace(left, residual_N=final.residual_N + constant_N), "residual": left}
+    asked = [cls for name, cls in catalogue.items() if cls.detects_at in views and name not in known]
+    faults = [cls.detect(views[cls.detects_at]) for cls in asked]
+    return [fault for fault in faults if fault is not None and (fault.used is not None or fault.lattice_N)]
 
 
 def view_of(

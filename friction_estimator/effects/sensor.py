@@ -11,6 +11,7 @@ from friction_estimator.effects.base import Effect, Key, Params, Stated, Words, 
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.detection import MASKED, NOT_REPAIRED, DataView, Fault
 from friction_estimator.effects.features import Context, Features
+from friction_estimator.effects.grids import below
 from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.scatter import lattice_interval, moving
 from friction_estimator.effects.trace import Trace
@@ -135,12 +136,17 @@ class Saturation(Effect):
         ]
 
     @classmethod
+    def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
+        """Never beyond where a soft rail still bends something: there its level and its share are one number."""
+        return below(value, SOFT_REACH * context.force_top_N)
+
+    @classmethod
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:
         """A level that the force never reaches clips nothing, and what goes on rising beyond it is not clipped."""
         level, top = quantity(params["level"], FORCE, ".3g"), context.force_top_N
         if weights.size and weights[0] < LEAST_CUT:
             return f"beyond {level} the {{force}} rises by {1.0 - weights[0]:.2g} of what it would"
-        if params["level"] > top * (SOFT_REACH if _is_soft(params) else 1.0):
+        if params["level"] > top * (SOFT_REACH * (1.0 + 1e-6) if _is_soft(params) else 1.0):
             return f"its level of {level} is above every {{force}} of the model"
         if params["level"] < LEAST_LEVEL * top:
             return f"the {{force}} goes on to {quantity(top, FORCE, '.3g')}, beyond its level of {level}"
