@@ -169,10 +169,12 @@ class Candidates:
 
         More may stand beside them there, and less.
         """
-        terms = one.model.joint.terms[:-1]
-        beside = {term.name: told for term, told in zip(terms, self._told(one.model.joint), strict=False)}
-        told = zip(self._told(model.joint), (beside.get(term.name, {}) for term in model.joint.terms), strict=True)
-        return [{n: abs(b[n] - value) for n, value in a.items() if n in b} for a, b in told]
+        names = (term.name for term in one.model.joint.terms[:-1])
+        beside = dict(zip(names, self._told(one.model.joint)[:-1], strict=True))
+        pairs = [
+            (told, beside.get(t.name, {})) for t, told in zip(model.joint.terms, self._told(model.joint), strict=True)
+        ]
+        return [{n: abs(b[n] - value) for n, value in a.items() if n in b} for a, b in pairs]
 
     def apart(self, model: Model, after: Model, left_N2: float) -> dict[str, float]:
         """Return by how much the quantities of the last term differ in other fits of it that explain nearly as much.

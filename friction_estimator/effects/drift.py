@@ -13,7 +13,7 @@ from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import STRAIGHT, chosen
 from friction_estimator.effects.reference import BOUNDARY, FORCE, VISCOUS, Reference
-from friction_estimator.effects.shapes import FREE, HATS, LOW_SPEED, hats, place_of, weights_at
+from friction_estimator.effects.shapes import FREE, HATS, LOW_SPEED, hats, is_free, place_of, weights_at
 from friction_estimator.effects.trace import Trace
 
 LEAST_FORCE = 1e-3
@@ -85,9 +85,9 @@ class _SlowGain(Effect):
 
     Attributes
     ----------
-    along : what it goes on with: a field of the features. way : sign of the change. own, other : part of the theory
-        that changes, and the one that another cause changes. told_at : share of the top speed at which a change of the
-        friction is stated.
+    along : what it goes on with: a field of the features. lasts : how much of that the record has: a field of the
+        context. way : sign of the change. own, other : part of the theory that changes, and the one that another cause
+        changes. told_at : share of the top speed at which a change of the friction is stated.
     """
 
     family = "slow_gain"
@@ -95,18 +95,27 @@ class _SlowGain(Effect):
     acts = SLOW
     turns = True
     along: ClassVar[str]
+    lasts: ClassVar[str]
     way: ClassVar[float]
     own: ClassVar[int]
     other: ClassVar[int]
     told_at: ClassVar[float]
 
     @classmethod
-    def starts(cls, whole: float) -> list[dict[str, float]]:
-        """Return where it is begun: constants from a twelfth of the whole to twice it, and two of the free shape."""
-        name = cls.refined[0]
+    def grid(cls, context: Context) -> list[dict[str, float]]:
+        """Constants from a twelfth of the record to twice it; of the free shape, two of them.
+
+        Where a thinner film takes less of the load, friction rises as the oil warms: the plain form has no sign for it.
+        """
+        name, whole = cls.refined[0], getattr(context, cls.lasts)
         plain = chosen(whole * np.array([1 / 12, 1 / 6, 1 / 3, 2 / 3, 2.0]), name)
         free = [dict(one) | {"shape": FREE} for one in chosen(whole * np.array([1 / 6, 2 / 3]), name)]
         return [*plain, *free]
+
+    @classmethod
+    def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
+        """Never beyond twice the record: a longer one is a straight line, and so is that."""
+        return (value / 2.5, min(value * 2.5, STRAIGHT * getattr(context, cls.lasts)))
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
@@ -183,14 +192,6 @@ class ViscosityDrift(_SlowGain):
         return replace(trace, viscosity_factor=trace.viscosity_factor * (1.0 - self["drop"] * done))
 
     @classmethod
-    def grid(cls, context: Context) -> list[dict[str, float]]:
-        """Time constants in shares of the recording.
-
-        Where a thinner film takes less of the load, friction rises as the oil warms: the plain form has no sign for it.
-        """
-        return cls.starts(context.duration_s)
-
-    @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:  # noqa: ARG003
         """Drop and time constant; in the free shape the drop of the friction at top speed, which is another thing.
 
@@ -200,18 +201,13 @@ class ViscosityDrift(_SlowGain):
         return {name: (1.0 - float(np.exp(-weights[-1])), ""), "time_constant": (params["time_constant"], "s")}
 
     @classmethod
-    def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
-        """Never beyond twice the recording: a longer one is a straight line, and so is that."""
-        return (value / 2.5, min(value * 2.5, STRAIGHT * context.duration_s))
-
-    @classmethod
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
         """Beyond twice the recording only its start is seen, and its end is invented."""
         if params["time_constant"] > STRAIGHT * context.duration_s * (1.0 + 1e-6):
             return f"its time constant of {params['time_constant']:.3g} s is beyond twice the recording"
         return None
 
-    along, way, own, other, told_at = "time_s", -1.0, VISCOUS, BOUNDARY, 1.0
+    along, lasts, way, own, other, told_at = "time_s", "duration_s", -1.0, VISCOUS, BOUNDARY, 1.0
     signs = (1,)
     refined = ("time_constant",)
 
@@ -250,21 +246,11 @@ class Wear(_SlowGain):
         return replace(trace, boundary_factor=trace.boundary_factor * (1.0 + self["change"] * done))
 
     @classmethod
-    def grid(cls, context: Context) -> list[dict[str, float]]:
-        """Lengths in shares of the distance run."""
-        return cls.starts(context.distance_m)
-
-    @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:  # noqa: ARG003
         """Relative change and length; in the free shape the change of the friction at low speed."""
-        low = weights_at(place_of(LOW_SPEED))[0] if len(weights) > 1 else np.ones(1)
-        name = "friction_change" if is_free(params) else "change"
-        return {name: (float(low @ weights), ""), "length": (params["length"], "m")}
-
-    @classmethod
-    def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
-        """Never beyond twice the distance run: a longer one is a straight line, and so is that."""
-        return (value / 2.5, min(value * 2.5, STRAIGHT * context.distance_m))
+        free = is_free(params)
+        change = weights_at(place_of(LOW_SPEED))[0] @ weights if free else weights[0]
+        return {"friction_change" if free else "change": (float(change), ""), "length": (params["length"], "m")}
 
     @classmethod
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
@@ -273,13 +259,8 @@ class Wear(_SlowGain):
             return f"its length of {quantity(params['length'], POSITION, '.3g')} is beyond twice the distance run"
         return None
 
-    along, way, own, other, told_at = "distance_m", 1.0, BOUNDARY, VISCOUS, LOW_SPEED
+    along, lasts, way, own, other, told_at = "distance_m", "distance_m", 1.0, BOUNDARY, VISCOUS, LOW_SPEED
     refined = ("length",)
-
-
-def is_free(params: Params) -> bool:
-    """Return whether a slow change of a gain is any share of the friction at each speed."""
-    return params.get("shape", 0.0) >= FREE
 
 
 def _nearer(part_N: Floats, own: int, other: int, f: Features, r: Reference) -> bool:

@@ -3,6 +3,7 @@
 hat_j(|v|),  j = 0 ... HATS - 1,  sum_j hat_j = 1,  nodes evenly spaced in asinh(|v| / bend)
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +26,11 @@ TWICE = 3.0
 
 LOW_SPEED = 0.03
 """Share of the top speed at which the level of a free shape is stated: the boundary level, not the viscous part."""
+
+
+def is_free(params: Mapping[str, float]) -> bool:
+    """Return whether a regressor of these parameters has a free shape."""
+    return params.get("shape", 0.0) >= FREE
 
 
 def hats(velocity_m_s: Floats, reference: Reference) -> Floats:

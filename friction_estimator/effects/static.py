@@ -11,7 +11,7 @@ from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import chosen
 from friction_estimator.effects.reference import Reference
-from friction_estimator.effects.shapes import FREE, HATS, LOW_SPEED, TWICE, hats, place_of, weights_at
+from friction_estimator.effects.shapes import FREE, HATS, LOW_SPEED, TWICE, hats, is_free, place_of, weights_at
 from friction_estimator.effects.trace import Trace
 
 SIGN_SHARE = 60.0
@@ -162,7 +162,7 @@ class PressureDependence(Effect):
         In the free shape (p - pm) S is taken times hat functions of the speed.
         """
         viscous, curved = params["viscous"] >= 0.5, params.get("curvature", 0.0) >= 0.5
-        free = params.get("shape", 0.0) >= FREE
+        free = is_free(params)
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
             lift = f.pressure_Pa - params["mean"]
@@ -185,7 +185,7 @@ class PressureDependence(Effect):
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:  # noqa: ARG003
         """Change of level, and of slope, per pressure."""
-        if params.get("shape", 0.0) >= FREE:
+        if is_free(params):
             low = weights_at(place_of(LOW_SPEED))[0]
             weights = np.concatenate([[low @ weights[:HATS]], weights[HATS:]])
         names = [("boundary", "N/Pa")]
