@@ -194,3 +194,36 @@ def test_the_plain_form_is_taken_where_the_free_one_explains_no_more_than_chance
     (term,) = found.models[-1].terms
     assert [effect.name for effect in found.effects] == [term.name] == [hidden.split(":", maxsplit=1)[0]]
     assert term.weights.size == 1
+
+
+AT_LOW_SPEED = 0.1 / (1.0 + 0.8 * 0.03**0.6)
+"""A tenth of the level, of the friction at 3 % of the top speed."""
+
+
+@pytest.mark.parametrize("force", [5.0, 300.0])
+@pytest.mark.parametrize(
+    ("level", "viscous", "name", "rivals", "size", "true"),
+    [
+        pytest.param(0.1, 0.0, "wear", ("viscosity_drift",), "friction_change", AT_LOW_SPEED, id="worn"),
+        pytest.param(-0.1, 0.0, "wear", ("viscosity_drift",), "friction_change", -AT_LOW_SPEED, id="run in"),
+        pytest.param(0.0, -0.6, "viscosity_drift", (), "friction_drop", 0.6 * 0.8 / 1.8, id="warm"),
+    ],
+)
+def test_at_one_pressure_the_forces_own_size_does_not_tell_wear_from_warming(
+    force, level, viscous, name, rivals, size, true
+) -> None:
+    """A curve of no theory. At 5 N wear was a warming with a negative loss, and a loss of 0.267 was 0.233."""
+
+    def law(trace: Trace) -> Floats:
+        u = trace.velocity_m_s / np.abs(trace.velocity_m_s).max()
+        worn = 1.0 + level * -np.expm1(-trace.distance_m / (0.3 * trace.distance_m[-1]))
+        warm = 1.0 + viscous * -np.expm1(-trace.time_s / 20.0)
+        return force * (np.tanh(u / 0.01) * worn + 0.8 * np.sign(u) * np.abs(u) ** 0.6 * warm)
+
+    drive = (segment(6.0, 50.0, 60.0, "multisine"),)
+    samples = simulate(Scenario(drive, "clean", 200.0, 0.01, 7), law=law).samples
+    found = diagnose([samples], Config(), catalogue=SLOW_ONES)
+    (told,) = found.effects
+    assert (told.name, told.rivals) == (name, rivals)
+    assert told.parameters[size].low < true < told.parameters[size].high
+    assert told.parameters[size].value == pytest.approx(true, rel=0.15)

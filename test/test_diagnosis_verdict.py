@@ -16,6 +16,7 @@ from friction_estimator.diagnosis.intervals import Estimate
 from friction_estimator.diagnosis.result import Found
 from friction_estimator.diagnosis.summary import UNSIZED, as_json, sentence, sentences
 from friction_estimator.effects import EFFECTS
+from friction_estimator.rig.drive import segment
 
 PACKAGE = Path(__file__).parents[1] / "friction_estimator"
 NEAR_REVERSALS = ("presliding", "stick_slip", "breakaway", "inertia", "viscoelastic_relaxation", "position_dependence")
@@ -159,6 +160,33 @@ def test_steps_of_the_force_that_bristles_conceal_are_told_and_make_no_bias(form
     samples = record([f"quantization:step=0.1,form={form}"], plant="maxwell_slip", noise=0.03)
     found = diagnose([samples], Config(), catalogue=chosen("presliding", "quantization", "sensor_bias"))
     assert names(found) == ["quantization", "presliding"]
+
+
+SLOW_DRIVES = {
+    "levels": (segment(9.0, 50.0, 54.0, "triangle"), segment(15.0, 200.0, 60.0, "speed_steps")),
+    "sines": (segment(16.0, 50.0, 64.0, "speed_steps"), segment(10.0, 200.0, 60.0)),
+}
+
+
+@pytest.mark.parametrize("drive", SLOW_DRIVES)
+@pytest.mark.parametrize("plant", ["stribeck", "parallel_memory"])
+def test_what_steps_of_the_force_do_at_a_few_levels_is_no_other_cause(plant: str, drive: str) -> None:
+    """The fit had followed the rounded levels; rounding that again with another origin says nothing of them."""
+    samples = record(["quantization:step=1.3"], plant=plant, segments=SLOW_DRIVES[drive])
+    some = chosen("quantization", "pressure_dependence", "side_spring", "presliding", "velocity_delay")
+    found = diagnose([samples], Config(), catalogue=some)
+    assert names(found) == ["quantization"]
+    assert found.unexplained_percent < 5.0
+
+
+@pytest.mark.parametrize("step", [0.1, 0.4])
+def test_the_bias_of_steps_that_are_cut_off_is_not_told_beside_them(step: float) -> None:
+    """Few strokes and a jump of the gain: the base alone did not show that the mean is off by half a step."""
+    hidden = ["gain_step:step=0.2,at=4.5", f"quantization:step={step},form=1"]
+    samples = record(hidden, segments=(segment(3.0, 50.0, 9.0),), noise=0.005)
+    found = diagnose([samples], Config(), catalogue=chosen("quantization", "gain_step", "sensor_bias"))
+    assert names(found) == ["quantization", "gain_step"]
+    assert "half a step is taken off" in found.faults[0].evidence
 
 
 @pytest.mark.parametrize("seed", [2, 3])

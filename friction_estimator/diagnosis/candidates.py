@@ -270,7 +270,7 @@ class Candidates:
         if not signs_kept(joint) or self._impossible(term):
             return None
         after = self._judged(joint)
-        belied = term.effect.belied(term.params, joint.parts_N[-1], joint.features, joint.reference)
+        belied = term.effect.belied(term.params, joint.parts_N[-1], joint.features, joint.reference, self.context)
         one = Candidate(term.name, term.effect, after, *gain_parts(model, after), belied)
         return one if np.isfinite(one.gain) else None
 
@@ -319,7 +319,8 @@ class Candidates:
                 terms[i] = Term(term.effect, dict(form))
                 joint = self._fit(terms, model.joint, search=False)
                 new = joint.terms[i]
-                belied = term.effect.belied(new.params, joint.parts_N[i], joint.features, joint.reference)
+                part_N = joint.parts_N[i]
+                belied = term.effect.belied(new.params, part_N, joint.features, joint.reference, self.context)
                 if belied or not signs_kept(joint) or self._impossible(new):
                     continue
                 other = self._judged(joint)

@@ -83,7 +83,8 @@ def diagnose(
     if late := concealed(found_faults, record, context, found.models[-1], catalogue):
         for fault in late:
             record = with_repair(record, config, fault)
-        found_faults += late
+        instead = {fault.name for fault in late}
+        found_faults = [*(fault for fault in found_faults if fault.name not in instead), *late]
         searcher = Searcher(record, config, context, catalogue, seed, found_faults)
         found = searcher(progress)
     progress("measuring gains on held-out data", 0.75)

@@ -36,6 +36,13 @@ FEWEST_IN_STEP, IN_STEP = 500, 0.8
 LONGEST_MEMORY, MOST_MEMORY = 40, 20.0
 """Samples over which noise may be correlated, and by how much that may raise the power of slow averages."""
 
+FEWEST_PAIRS = 50
+"""Pairs of samples that should be equal, from which their differences are a measure of the noise."""
+
+DITHERED = 1.6
+"""Times the deviation of rounding, step / sqrt(12): where what does not repeat is more, as with steps of up to 2.8
+deviations of the noise, the errors of rounding are independent of the force."""
+
 
 def pairs(record: Record) -> tuple[Ints, Ints]:
     """Return pairs of samples that a deterministic system would make equal, (m,), (m,).
@@ -146,9 +153,20 @@ def noise_floor(record: Record, residual_N: Floats, lattice_N: float = 0.0) -> f
     Where there is less noise than a step, rounding repeats with the drive.
     """
     difference, _ = incoherent(record, residual_N)
-    if difference.size < 50:
+    if difference.size < FEWEST_PAIRS:
         return float(np.sqrt(np.mean(np.square(residual_N[record.used]))))
     return max(float(np.sqrt(np.mean(np.square(difference)))), lattice_N / float(np.sqrt(12.0)))
+
+
+def coarse_step(record: Record, residual_N: Floats, lattice_N: float) -> float:
+    """Return the step of the force's lattice where rounding to it repeats with the drive, N; 0 where it is noise.
+
+    What does not repeat is noise and rounding together: with steps of sigma it has 13 times the power of rounding.
+    """
+    difference, _ = incoherent(record, residual_N)
+    known = difference.size >= FEWEST_PAIRS
+    noisy = known and np.mean(np.square(difference)) > DITHERED**2 * lattice_N**2 / 12.0
+    return 0.0 if noisy else lattice_N
 
 
 def noise_memory(record: Record, residual_N: Floats, paired: tuple[Ints, Ints]) -> float:

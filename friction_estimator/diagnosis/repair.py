@@ -105,15 +105,16 @@ def concealed(
     """Return the spoiled samples, and the steps of the force, that only show in what the last model leaves.
 
     The base model's error was larger. A constant force that was told as a cause may be what cutting off such steps
-    makes: it is left as well where steps are looked for.
+    makes: it is left as well where steps are looked for, and where they were found but not that they are cut off.
     """
-    known = {fault.name for fault in found}
+    whole = {fault.name for fault in found if fault.lattice_N and not fault.offset_N}
+    known = {fault.name for fault in found} - whole
     left = left_by(record, context, final, found)
     constant_N = sum((part for part in final.parts_N if np.ptp(part) == 0.0), np.zeros(final.residual_N.size))
     views = {"force": replace(left, residual_N=final.residual_N + constant_N), "residual": left}
     asked = [cls for name, cls in catalogue.items() if cls.detects_at in views and name not in known]
-    faults = [cls.detect(views[cls.detects_at]) for cls in asked]
-    return [fault for fault in faults if fault is not None and (fault.used is not None or fault.lattice_N)]
+    faults = [fault for cls in asked if (fault := cls.detect(views[cls.detects_at])) is not None]
+    return [f for f in faults if f.offset_N or (f.name not in whole and (f.used is not None or f.lattice_N))]
 
 
 def view_of(

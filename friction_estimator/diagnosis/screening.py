@@ -1,6 +1,6 @@
 """Linear screening of the library, and the gate that a gain must pass."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,8 +20,14 @@ LEVEL = 0.01
 MARGIN = 1.5
 """Family-wise level, and times the bootstrap's quantile that the best held-out gain must exceed."""
 
-ORIGINS = 8
-"""Origins of a lattice for which the gains that rounding to it makes are worked out."""
+LATTICES = 40
+FINER = 0.7
+"""Lattices for which the gains that rounding makes are worked out, and the step of the finest over that of the force.
+Where the force holds a few levels the fit has followed their rounded values, and lies on the lattice itself: another
+origin then gives every level the same error, another step gives each its own (decision 0225)."""
+
+GOLDEN = 0.6180339887498949
+"""Share of a step between the origins of one lattice and the next: they spread evenly, and unlike the steps do."""
 
 ROUNDING_MARGIN = 3.0
 """Times the largest of these that a gain must exceed: what rounding makes hangs on the noise and on the curve's own
@@ -163,7 +169,8 @@ def gate(
             rows = np.concatenate([c[part] for c in shares], axis=1)
             residual[part] -= joint.tangent[part] @ weights[:place] + rows @ weights[place:]
     calm = Evidence(joint.tangent, joint.penalty, residual, record.used, record.block, seed)
-    rounded = [calm.with_residual(error) for error in rounding_errors(record.friction_N - residual, lattice_N, ORIGINS)]
+    errors = rounding_errors(record.friction_N - residual, lattice_N, LATTICES)
+    rounded = [calm.with_residual(error) for error in errors]
     found = library.products_with(calm, np.column_stack([m.residual for m in (calm, *rounded)]))
     groups: dict[bool, tuple[list[tuple[Floats, Floats]], list[Rule]]] = {False: ([], []), True: ([], [])}
     rounding = dict.fromkeys((s.name for s in best), 0.0)
@@ -178,15 +185,17 @@ def gate(
     return (null_maximum(flips, *groups[False]), null_maximum(flips, *groups[True])), rounding
 
 
-def rounding_errors(force_N: Floats, lattice_N: float, origins: int) -> list[Floats]:
-    """Return the errors of a force rounded to lattices of several origins, (n,) each, N; none without a lattice.
+def rounding_errors(force_N: Floats, lattice_N: float, number: int) -> Iterator[Floats]:
+    """Yield the errors of a force rounded to lattices of several origins and steps, (n,) each, N; none without one.
 
-    The origin is the sensor's: the model does not know it to a step.
+    The origin is the sensor's: the model does not know it to a step. The errors of a finer lattice are scaled to those
+    of the force's own.
 
-    >>> rounding_errors(np.array([0.0, 0.3]), 1.0, 2)
-    [array([-0.25,  0.45]), array([ 0.25, -0.05])]
+    >>> list(rounding_errors(np.array([0.0, 0.3]), 1.0, 1))
+    [array([ 0. , -0.3])]
     """
-    if lattice_N == 0.0:
-        return []
-    shifts = lattice_N * ((np.arange(origins) + 0.5) / origins - 0.5)
-    return [lattice_N * np.round((force_N - shift) / lattice_N) + shift - force_N for shift in shifts]
+    for k in range(number if lattice_N else 0):
+        finer = 1.0 - (1.0 - FINER) * k / number
+        step = finer * lattice_N
+        shift = step * ((k * GOLDEN) % 1.0)
+        yield (step * np.round((force_N - shift) / step) + shift - force_N) / finer

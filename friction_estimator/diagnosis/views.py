@@ -7,7 +7,7 @@ from friction_estimator.diagnosis.base_problem import BaseProblem, Capacity
 from friction_estimator.diagnosis.candidate import MEMORY_EVIDENCE, Candidate, Model
 from friction_estimator.diagnosis.candidates import Candidates
 from friction_estimator.diagnosis.causes import LATER_SHARE, LEAST_SHARE
-from friction_estimator.diagnosis.floor import noise_floor
+from friction_estimator.diagnosis.floor import coarse_step, noise_floor
 from friction_estimator.diagnosis.library import build_library
 from friction_estimator.diagnosis.pressures import pressure_order, pressures_held
 from friction_estimator.diagnosis.record import Record
@@ -47,12 +47,13 @@ class Views:
     ) -> None:
         self.record, self.context, self.catalogue, self.seed = record, context, catalogue, seed
         self.known = {f.name for f in faults}
-        self.lattice_N = max((f.lattice_N for f in faults), default=0.0)
         self.ordered, self.held = bool(pressure_order(record)), pressures_held(record)
         self.problem = BaseProblem(record, config, capacity)
         self.fits = Candidates(self.problem, context, catalogue, seed)
         self._samples = max(int(record.used.sum()), 1)
         self._views: dict[Model, View] = {}
+        lattice_N = max((f.lattice_N for f in faults), default=0.0)
+        self.lattice_N = coarse_step(record, self.fits.base().joint.residual_N, lattice_N) if lattice_N else 0.0
         self._after: dict[Model, list[tuple[str, dict[str, float], float]]] = {}
 
     def of(self, model: Model) -> View:

@@ -291,7 +291,14 @@ class Effect:
         return None
 
     @classmethod
-    def belied(cls, params: Params, part_N: Floats, features: Features, reference: Reference) -> bool:  # noqa: ARG003
+    def belied(
+        cls,
+        params: Params,  # noqa: ARG003
+        part_N: Floats,  # noqa: ARG003
+        features: Features,  # noqa: ARG003
+        reference: Reference,  # noqa: ARG003
+        context: Context,  # noqa: ARG003
+    ) -> bool:
         """Return whether the fitted force (n,) has a shape that is another cause's; plain forms cannot."""
         return False
 

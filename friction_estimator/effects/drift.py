@@ -16,6 +16,9 @@ from friction_estimator.effects.reference import BOUNDARY, FORCE, VISCOUS, Refer
 from friction_estimator.effects.shapes import FREE, HATS, LOW_SPEED, hats, is_free, place_of, weights_at
 from friction_estimator.effects.trace import Trace
 
+GROWS = 0.5
+"""Of what a level leaves of a change: where a force that grows with the speed leaves less, it is no level's."""
+
 LEAST_FORCE = 1e-3
 """Of the friction at top speed: what that at another speed is taken as at the least where it is divided by."""
 
@@ -118,12 +121,17 @@ class _SlowGain(Effect):
         return (value / 2.5, min(value * 2.5, STRAIGHT * getattr(context, cls.lasts)))
 
     @classmethod
+    def _done(cls, params: Params, f: Features) -> Floats:
+        """Return what has happened of the change, (n,), 0 to 1."""
+        return np.asarray(1.0 - np.exp(-getattr(f, cls.along) / params[cls.refined[0]]))
+
+    @classmethod
     def columns(cls, params: Params) -> Columns:
         """Return the theory's part times 1 - exp(-x / constant); in the free shape F times hats of the speed so."""
-        free, constant = is_free(params), params[cls.refined[0]]
+        free = is_free(params)
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
-            done = cls.way * (1.0 - np.exp(-getattr(f, cls.along) / constant))
+            done = cls.way * cls._done(params, f)
             if free:
                 return np.asarray(
                     done[:, None] * r.force(f.velocity_m_s, f.pressure_Pa)[:, None] * hats(f.velocity_m_s, r)
@@ -143,9 +151,18 @@ class _SlowGain(Effect):
         return cls.physical(dict(params) | {"shape": FREE}, np.full(HATS, share * weights[0]), context)
 
     @classmethod
-    def belied(cls, params: Params, part_N: Floats, features: Features, reference: Reference) -> bool:
-        """A free shape that is nearer to a change of the theory's other part is that of another cause."""
-        return is_free(params) and not _nearer(part_N, cls.own, cls.other, features, reference)
+    def belied(cls, params: Params, part_N: Floats, features: Features, reference: Reference, context: Context) -> bool:
+        """A free shape that is nearer to a change of the theory's other part is that of another cause.
+
+        At one pressure nothing tells which part of the friction is which; but no level grows with the speed.
+        """
+        if not is_free(params):
+            return False
+        v, p, done = features.velocity_m_s, features.pressure_Pa, cls._done(params, features)
+        if context.theory_told:
+            own, other = (_unlike(part_N, done * reference.part(part, v, p)) for part in (cls.own, cls.other))
+            return other < own
+        return cls.own == BOUNDARY and _unlike(part_N, done * v) < GROWS * _unlike(part_N, done * np.sign(v))
 
     @classmethod
     def variants(cls, params: Params) -> list[dict[str, float]]:
@@ -175,10 +192,10 @@ class ViscosityDrift(_SlowGain):
     )
     size_key = "drop"
     linear = False
-    systematic: ClassVar[Mapping[str, float]] = {"drop": 0.04, "time_constant": 0.1}
+    systematic: ClassVar[Mapping[str, float]] = {"drop": 0.04, "friction_drop": 0.06, "time_constant": 0.1}
     words = Words(
         "the oil warms and its viscosity falls",
-        "the slope of friction at high speed falls with time",
+        "friction settles with time: it falls where the film is thick, and may rise where it is thin",
         {
             "wear": "distance instead of time: run the same distance slower; after rest a warm oil recovers",
             "gain_step": "compare low and high speed: only the viscous part falls",
@@ -197,8 +214,10 @@ class ViscosityDrift(_SlowGain):
 
         Where the theory's viscous part does not fit, nothing says how much of the friction is viscous.
         """
-        name = "friction_drop" if is_free(params) else "drop"
-        return {name: (1.0 - float(np.exp(-weights[-1])), ""), "time_constant": (params["time_constant"], "s")}
+        # The plain form is the theory's derivative by the logarithm of the viscosity, the free one the friction itself.
+        free, loss = is_free(params), float(weights[-1])
+        drop = {"friction_drop": (loss, "")} if free else {"drop": (1.0 - float(np.exp(-loss)), "")}
+        return {**drop, "time_constant": (params["time_constant"], "s")}
 
     @classmethod
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
@@ -229,7 +248,7 @@ class Wear(_SlowGain):
     )
     size_key = "change"
     reveals = "distance_m"
-    systematic: ClassVar[Mapping[str, float]] = {"change": 0.12, "length": 0.5}
+    systematic: ClassVar[Mapping[str, float]] = {"change": 0.12, "friction_change": 0.12, "length": 0.5}
     words = Words(
         "the contact wears or runs in: the boundary (Coulomb) level changes with the distance run",
         "the low-speed plateau moves with distance, not with time, and stays after rest",
@@ -263,14 +282,13 @@ class Wear(_SlowGain):
     refined = ("length",)
 
 
-def _nearer(part_N: Floats, own: int, other: int, f: Features, r: Reference) -> bool:
-    """Return whether a slow change (n,) goes with the speed as one part of the theory does rather than as the other.
+def _unlike(part_N: Floats, force: Floats) -> float:
+    """Return the share of a change's power (n,) that a force (n,) does not make, of either sign.
 
-    |cos| of the angle between it and each part. A theory without parts tells nothing.
+    A theory without parts makes nothing.
     """
-    parts = [r.part(which, f.velocity_m_s, f.pressure_Pa) for which in (own, other)]
-    along = [abs(float(part_N @ part)) / max(float(np.sqrt(part @ part)), 1e-300) for part in parts]
-    return along[0] >= along[1]
+    along = float(part_N @ force) ** 2 / max(float(force @ force) * float(part_N @ part_N), 1e-300)
+    return max(1.0 - along, 0.0)
 
 
 def _settled(ratio: Floats, form: float) -> Floats:

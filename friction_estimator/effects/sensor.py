@@ -262,9 +262,13 @@ class Quantization(Effect):
         # Cutting off shifts the mean by half a step; that much is the lattice's and no bias.
         bias = float(np.mean(residual[view.used]))
         cut = abs(abs(bias) - 0.5 * step) <= CUT * step
+        seen = f"the {{force}} takes {np.unique(force).size} distinct values, {quantity(step, FORCE)} apart"
+        if cut:
+            seen += f"; its mean is off by {quantity(bias, FORCE, '.3g')}, as where they are cut off and not rounded: "
+            seen += "half a step is taken off, and a zero of the sensor that is off by as much is not told from it"
         return Fault(
             cls.name,
-            f"the {{force}} takes {np.unique(force).size} distinct values, {quantity(step, FORCE)} apart",
+            seen,
             {"step": _with_unit(lattice_interval(force, step), "N")},
             NOT_REPAIRED,
             offset_N=float(np.sign(bias)) * 0.5 * step if cut else 0.0,
