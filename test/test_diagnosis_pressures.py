@@ -222,6 +222,9 @@ def test_at_one_pressure_the_forces_own_size_does_not_tell_wear_from_warming(
 
     drive = (segment(6.0, 50.0, 60.0, "multisine"),)
     samples = simulate(Scenario(drive, "clean", 200.0, 0.01, 7), law=law).samples
+    # Noise of the channel is no second pressure.
+    pressure_Pa = samples.pressure_Pa * (1.0 + 0.03 * np.random.default_rng(8).standard_normal(len(samples)))
+    samples = replace(samples, pressure_Pa=pressure_Pa)
     found = diagnose([samples], Config(), catalogue=SLOW_ONES)
     (told,) = found.effects
     assert (told.name, told.rivals) == (name, rivals)

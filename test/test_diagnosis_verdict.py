@@ -162,6 +162,17 @@ def test_steps_of_the_force_that_bristles_conceal_are_told_and_make_no_bias(form
     assert names(found) == ["quantization", "presliding"]
 
 
+def test_a_bias_beside_steps_is_known_to_half_a_step() -> None:
+    """Cut off with 0.3 of a step more, or rounded with 0.2 less, is one record: its sign was wrong."""
+    raw = record(noise=0.01)
+    samples = replace(raw, friction_N=0.2 * np.floor(raw.friction_N / 0.2 + 1.3))
+    found = diagnose([samples], Config(), catalogue=chosen("quantization", "sensor_bias"))
+    assert names(found) == ["quantization", "sensor_bias"]
+    bias = found.effects[0].parameters["bias"]
+    assert bias.value == pytest.approx(0.16, abs=0.01)  # 0.8 of a step as if rounded
+    assert bias.high > 0.255  # 1.3 of a step as it was cut off
+
+
 SLOW_DRIVES = {
     "levels": (segment(9.0, 50.0, 54.0, "triangle"), segment(15.0, 200.0, 60.0, "speed_steps")),
     "sines": (segment(16.0, 50.0, 64.0, "speed_steps"), segment(10.0, 200.0, 60.0)),

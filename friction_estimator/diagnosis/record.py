@@ -140,7 +140,7 @@ class Record:
             longest_piece_s=float(np.bincount(f.piece, weights=f.step_s).max()),
             held=tuple(zip(forward, backward, strict=True)),
             # At one pressure any curve of the speed may be the theory's part or the learned one's.
-            theory_told=config.theory_kind == "seal" and spans_pressures(f.pressure_Pa),
+            theory_told=config.theory_kind == "seal" and spans_pressures(f.pressure_Pa, self.block),
         )
 
 
@@ -150,9 +150,10 @@ def pressure_range(pressure_Pa: Floats) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def spans_pressures(pressure_Pa: Floats) -> bool:
-    """Return whether there is more than one pressure."""
-    low, high = pressure_range(pressure_Pa)
+def spans_pressures(pressure_Pa: Floats, block: Ints) -> bool:
+    """Return whether there is more than one pressure in blocks of samples (n,); noise of the channel is none."""
+    samples = np.bincount(block)
+    low, high = pressure_range(np.bincount(block, weights=pressure_Pa)[samples > 0] / samples[samples > 0])
     return high - low >= LEAST_RANGE * max(abs(low), abs(high), 1.0)
 
 

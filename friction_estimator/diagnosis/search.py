@@ -5,6 +5,8 @@ from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 
+import numpy as np
+
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import Capacity
 from friction_estimator.diagnosis.candidate import Candidate, Model, equals, gain_parts
@@ -265,6 +267,10 @@ class Searcher:
         if self.smoothed and (back := self.guards.doubts.taken_back_s(fewer, more)):
             name = more.joint.terms[-1].effect.size_key
             apart[name] = max(back, apart.get(name, 0.0))
+        if self.views.steps_N and np.ptp(more.joint.parts_N[-1]) == 0.0:
+            # Whether the steps of the force are rounded or cut off nobody knows: half a step of a constant.
+            name = more.joint.terms[-1].effect.size_key
+            apart[name] = max(0.5 * self.views.steps_N, apart.get(name, 0.0))
         return apart
 
     def _beside_refused(self, model: Model, causes: list[Cause], refused: list[Candidate]) -> list[Cause]:

@@ -52,8 +52,8 @@ class Views:
         self.fits = Candidates(self.problem, context, catalogue, seed)
         self._samples = max(int(record.used.sum()), 1)
         self._views: dict[Model, View] = {}
-        lattice_N = max((f.lattice_N for f in faults), default=0.0)
-        self.lattice_N = coarse_step(record, self.fits.base().joint.residual_N, lattice_N) if lattice_N else 0.0
+        self.steps_N = max((f.lattice_N for f in faults), default=0.0)
+        self.lattice_N = coarse_step(record, self.fits.base().joint.residual_N, self.steps_N) if self.steps_N else 0.0
         self._after: dict[Model, list[tuple[str, dict[str, float], float]]] = {}
 
     def of(self, model: Model) -> View:

@@ -291,14 +291,7 @@ class Effect:
         return None
 
     @classmethod
-    def belied(
-        cls,
-        params: Params,  # noqa: ARG003
-        part_N: Floats,  # noqa: ARG003
-        features: Features,  # noqa: ARG003
-        reference: Reference,  # noqa: ARG003
-        context: Context,  # noqa: ARG003
-    ) -> bool:
+    def belied(cls, params: Params, part_N: Floats, f: Features, r: Reference, context: Context) -> bool:  # noqa: ARG003
         """Return whether the fitted force (n,) has a shape that is another cause's; plain forms cannot."""
         return False
 

@@ -151,16 +151,16 @@ class _SlowGain(Effect):
         return cls.physical(dict(params) | {"shape": FREE}, np.full(HATS, share * weights[0]), context)
 
     @classmethod
-    def belied(cls, params: Params, part_N: Floats, features: Features, reference: Reference, context: Context) -> bool:
+    def belied(cls, params: Params, part_N: Floats, f: Features, r: Reference, context: Context) -> bool:
         """A free shape that is nearer to a change of the theory's other part is that of another cause.
 
         At one pressure nothing tells which part of the friction is which; but no level grows with the speed.
         """
         if not is_free(params):
             return False
-        v, p, done = features.velocity_m_s, features.pressure_Pa, cls._done(params, features)
+        v, done = f.velocity_m_s, cls._done(params, f)
         if context.theory_told:
-            own, other = (_unlike(part_N, done * reference.part(part, v, p)) for part in (cls.own, cls.other))
+            own, other = (_unlike(part_N, done * r.part(part, v, f.pressure_Pa)) for part in (cls.own, cls.other))
             return other < own
         return cls.own == BOUNDARY and _unlike(part_N, done * v) < GROWS * _unlike(part_N, done * np.sign(v))
 
