@@ -33,6 +33,10 @@ class Views:
     ----------
     record : repaired. context : facts about it. catalogue : effects by name. seed : of folds and bootstrap.
     faults : that were found in the data already, and repaired: they are no causes. capacity : of the base.
+
+    Attributes
+    ----------
+    steps_N, lattice_N : step of the force, and the same where rounding to it repeats with the drive; 0 without.
     """
 
     def __init__(
