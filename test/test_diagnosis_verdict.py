@@ -179,7 +179,7 @@ SLOW_DRIVES = {
 }
 
 
-@pytest.mark.parametrize(("plant", "drive"), zip(["stribeck", "parallel_memory"], SLOW_DRIVES, strict=True))
+@pytest.mark.parametrize(("plant", "drive"), [("stribeck", "levels"), ("parallel_memory", "sines")])
 def test_what_steps_of_the_force_do_at_a_few_levels_is_no_other_cause(plant: str, drive: str) -> None:
     """The fit had followed the rounded levels; rounding that again with another origin says nothing of them."""
     samples = record(["quantization:step=1.3"], plant=plant, segments=SLOW_DRIVES[drive])
