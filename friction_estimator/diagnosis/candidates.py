@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -53,9 +54,13 @@ class Candidates:
         self._shaped: dict[tuple[Model, str], Candidate] = {}
         self._estimates: dict[Model, list[dict[str, Estimate]]] = {}
 
+    @cached_property
+    def _alone(self) -> Model:
+        return self._judged(self._fit())
+
     def base(self) -> Model:
         """Return the base model alone."""
-        return self._judged(self._fit())
+        return self._alone
 
     def __call__(self, model: Model, name: str, params: Mapping[str, float], search: bool = True) -> Candidate | None:
         """Return the effect beside the model, or None where its signs or its values cannot be.

@@ -3,6 +3,8 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from friction_estimator.core.sample import Bools, Floats
 from friction_estimator.diagnosis.base import BaseFit
 from friction_estimator.diagnosis.base_problem import Coefficients
@@ -130,6 +132,11 @@ class Joint:
         The model is linear about its fit to everything; its refined parameters are among the coefficients.
         """
         return self.evidence(record, seed).base_loss()
+
+
+def is_constant(part_N: Floats) -> bool:
+    """Return whether the force of a term, (n,), is the same at all times: cutting steps off makes such a one, too."""
+    return bool(np.ptp(part_N) == 0.0)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from friction_estimator.core.sample import Bools, Floats, Ints
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base import BaseFit, fit_base, reference_of
 from friction_estimator.diagnosis.floor import pairs
-from friction_estimator.diagnosis.joint import Joint
+from friction_estimator.diagnosis.joint import Joint, is_constant
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.effects.base import EFFECTS, Effect
 from friction_estimator.effects.detection import DataView, Fault
@@ -110,7 +110,7 @@ def concealed(
     whole = {fault.name for fault in found if fault.lattice_N and not fault.offset_N}
     known = {fault.name for fault in found} - whole
     left = left_by(record, context, final, found)
-    constant_N = sum((part for part in final.parts_N if np.ptp(part) == 0.0), np.zeros(final.residual_N.size))
+    constant_N = sum(filter(is_constant, final.parts_N), np.zeros(final.residual_N.size))
     views = {"force": replace(left, residual_N=final.residual_N + constant_N), "residual": left}
     asked = [cls for name, cls in catalogue.items() if cls.detects_at in views and name not in known]
     faults = [fault for cls in asked if (fault := cls.detect(views[cls.detects_at])) is not None]

@@ -5,8 +5,6 @@ from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 
-import numpy as np
-
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import Capacity
 from friction_estimator.diagnosis.candidate import Candidate, Model, equals, gain_parts
@@ -14,6 +12,7 @@ from friction_estimator.diagnosis.capacity import in_words, wider
 from friction_estimator.diagnosis.causes import LATER_SHARE, Cause, Search, as_misfit
 from friction_estimator.diagnosis.comparison import Comparison
 from friction_estimator.diagnosis.guards import FORMS_SHARE, Guards, later_N2
+from friction_estimator.diagnosis.joint import is_constant
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.views import Catalogue, Views
 from friction_estimator.effects.base import SLOW
@@ -264,13 +263,13 @@ class Searcher:
     def _apart_by(self, fewer: Model, more: Model, left_N2: float) -> dict[str, float]:
         """Return by how much the quantities of a model's last term may be others (`Candidates.apart`)."""
         apart = self.fits.apart(fewer, more, left_N2)
-        if self.smoothed and (back := self.guards.doubts.taken_back_s(fewer, more)):
-            name = more.joint.terms[-1].effect.size_key
-            apart[name] = max(back, apart.get(name, 0.0))
-        if self.views.steps_N and np.ptp(more.joint.parts_N[-1]) == 0.0:
+        by = self.guards.doubts.taken_back_s(fewer, more) if self.smoothed else 0.0
+        if self.views.steps_N and is_constant(more.joint.parts_N[-1]):
             # Whether the steps of the force are rounded or cut off nobody knows: half a step of a constant.
+            by = 0.5 * self.views.steps_N
+        if by:
             name = more.joint.terms[-1].effect.size_key
-            apart[name] = max(0.5 * self.views.steps_N, apart.get(name, 0.0))
+            apart[name] = max(by, apart.get(name, 0.0))
         return apart
 
     def _beside_refused(self, model: Model, causes: list[Cause], refused: list[Candidate]) -> list[Cause]:
