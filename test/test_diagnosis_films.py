@@ -222,3 +222,14 @@ def test_of_a_film_that_is_squeezed_at_every_speed_alike_the_speed_is_not_told(p
     assert told["amplitude"].low < run.effects[0]["amplitude"] < told["amplitude"].high
     assert told["amplitude"].value == pytest.approx(run.effects[0]["amplitude"], rel=0.05)
     assert result.unexplained_percent < 2.0
+
+
+@pytest.mark.parametrize(("gap", "told"), [("", []), ("backlash:gap=1.1e-5", ["backlash"])])
+def test_a_gap_shorter_than_a_noisy_velocity_moves_in_a_sample_is_not_told(gap: str, told: list[str]) -> None:
+    """A gap of 0.14 um was, where the noise alone moves 1.2 um in a sample; one of 11 um is."""
+    hidden = ["velocity_noise:size=0.04,form=1", *([gap] if gap else [])]
+    segments = tuple(segment(t, psi, s) for psi in (50.0, 200.0) for t, s in ((1.0, 12.0), (5.0, 20.0)))
+    data = record(hidden, plant="tabulated", segments=segments, seed=21)
+    some = chosen("velocity_noise", "backlash", "presliding", "breakaway", "direction_asymmetry")
+    found = names(diagnose([data], SEAL, catalogue=some))
+    assert sorted(found) == sorted(["velocity_noise", "direction_asymmetry", *told])

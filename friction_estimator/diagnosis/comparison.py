@@ -68,25 +68,21 @@ class Comparison:
         self, model: Model, causes: Sequence[Cause], out: Collection[str]
     ) -> tuple[Candidate, tuple[str, ...], dict[str, float]] | None:
         """Return the best candidate in its best form, the names of its equals, and how far behind it others are."""
-        view = self._views.of(model)
-        fits = self._compared(model, out)
-        plain = dict(fits)
-        shaped = self._fits.in_best_forms(model, fits, CLOSE).values()
-        fits = {c.name: c for c in shaped if not c.belied}
-        if not fits:
-            return None
-        best = plainest(max(fits.values(), key=lambda c: c.gain), list(fits.values()))
-        best = self._measured(model, best, list(fits.values()), causes)
-        best = self._fits.shaped(model, best)
-        options = self._options(best, fits, plain)
-        if len(options) > 1 and any(self._guards.brings_share(model, option, causes) for option in options):
-            best = self._ahead(model, options)
-        best = self._fits.resettled(model, best)
-        found = alike(view.evidence, view.library, best.model.joint.parts_N[-1], CONTENDER)
-        for name in [n for n in closest(found, SET_ERRORS, SET_SHARE) if n not in plain and n not in out][:MOST_ALIKE]:
-            one_more = self._fits(model, name, found[name].params)
-            if one_more is not None:
-                fits[name] = one_more
+        compared = self._compared(model, out)
+        while True:
+            shaped = self._fits.in_best_forms(model, compared, CLOSE)
+            fits = {c.name: c for c in shaped.values() if not c.belied}
+            if not fits:
+                return None
+            best = self._best(model, causes, fits, compared)
+            alike = self._alike(model, best, {*compared, *out})
+            sharp = [c for c in alike if c.effect.acts == REVERSAL and c.gain > best.gain]
+            better = {c.name: c for c in sharp if self._views.passes(model, c)}
+            if not better:
+                break
+            # What shows at reversals is badly screened; where what it was taken for finds it, it is the better one.
+            compared |= better
+        fits |= {c.name: c for c in alike}
         same = _equals(best, fits.values())
         # What goes with time is made as well as that of a recorded variable by many a shape; anything else is not.
         slow = best.effect.acts == SLOW
@@ -96,10 +92,30 @@ class Comparison:
             best = measured
             same = _equals(best, fits.values())
         same += [c for c in fits.values() if c not in same and self._not_told_apart(model, best, c)]
-        others = [c for c in (*fits.values(), *(c for c in shaped if c.belied)) if c.name != best.name]
+        others = [c for c in (*fits.values(), *(c for c in shaped.values() if c.belied)) if c.name != best.name]
         close = [c for c in others if c.gain > CLOSE * best.gain and not needs_memory(best, c)]
         behind = sorted(((c.name, _behind_N2(best, c)) for c in close), key=lambda item: item[1])
         return best, tuple(dict.fromkeys([*(c.name for c in same), *self._by_design(best.effect)])), dict(behind)
+
+    def _best(
+        self, model: Model, causes: Sequence[Cause], fits: Mapping[str, Candidate], plain: Mapping[str, Candidate]
+    ) -> Candidate:
+        """Return the one of these candidates that may be the cause, in its best form; `plain` are their plain ones."""
+        best = plainest(max(fits.values(), key=lambda c: c.gain), list(fits.values()))
+        best = self._measured(model, best, list(fits.values()), causes)
+        best = self._fits.shaped(model, best)
+        options = self._options(best, fits, plain)
+        if len(options) > 1 and any(self._guards.brings_share(model, option, causes) for option in options):
+            best = self._ahead(model, options)
+        return self._fits.resettled(model, best)
+
+    def _alike(self, model: Model, best: Candidate, known: Collection[str]) -> list[Candidate]:
+        """Return what the angles between columns say cannot be told from the best candidate, fitted to confirm it."""
+        view = self._views.of(model)
+        found = alike(view.evidence, view.library, best.model.joint.parts_N[-1], CONTENDER)
+        names = [name for name in closest(found, SET_ERRORS, SET_SHARE) if name not in known][:MOST_ALIKE]
+        fits = [self._fits(model, name, found[name].params) for name in names]
+        return [one for one in fits if one is not None]
 
     def _compared(self, model: Model, out: Collection[str]) -> dict[str, Candidate]:
         """Refit the best candidates jointly with base and earlier causes."""

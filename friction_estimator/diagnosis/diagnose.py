@@ -10,7 +10,7 @@ from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import ALARM, BaseProblem
 from friction_estimator.diagnosis.causes import Cause, Search
 from friction_estimator.diagnosis.excitation import Excitation, assess
-from friction_estimator.diagnosis.floor import noise_floor
+from friction_estimator.diagnosis.floor import coarse_step, noise_floor
 from friction_estimator.diagnosis.gaining import gaining
 from friction_estimator.diagnosis.held_out import gain_between, rms
 from friction_estimator.diagnosis.intervals import estimates
@@ -104,7 +104,8 @@ def diagnose(
     floor = min(noise_floor(record, final.residual_N, lattice_N), base_error)
     left_N2 = float(record.used.sum()) * max(0.0, last_error**2 - floor**2)
     causes = [term.effect for term in final.terms]
-    effects = _named(record, context, found, errors, spread, left_N2, seed, trials, catalogue)
+    coarse_N = coarse_step(record, final.residual_N, lattice_N)
+    effects = _named(record, context, found, errors, spread, left_N2, coarse_N, seed, trials, catalogue)
     progress("noise floor and remainder", 0.85)
     view = left_by(record, context, final, found_faults)
     found_faults += scattered(view, catalogue)
@@ -174,17 +175,18 @@ def _named(
     errors: Sequence[np.ndarray],
     spread: float,
     left_N2: float,
+    coarse_N: float,
     seed: int,
     trials: Trials,
     catalogue: Mapping[str, type[Effect]],
 ) -> list[Found]:
     """Return the causes with parameters and held-out gains, each from the model before it.
 
-    `left_N2` is the error power that none of them explains.
+    `left_N2` is the error power that none of them explains, `coarse_N` the step to which rounding repeats.
     """
     if not found.causes:
         return []
-    fitted = estimates(found.models[-1], record, context, seed, left_N2, [c.apart for c in found.causes])
+    fitted = estimates(found.models[-1], record, context, seed, left_N2, [c.apart for c in found.causes], coarse_N)
     named = {c.name for c in found.causes}
 
     def one(i: int, cause: Cause) -> Found:

@@ -48,17 +48,20 @@ class Doubts:
         self._lacks: dict[tuple[Model, type[Wider]], LackOfFit] = {}
         self._in_time: dict[tuple[Model, Model], bool] = {}
 
-    def stands(self, model: Model, effect: type[Effect], after: Model) -> bool:
+    def stands(self, model: Model, effect: type[Effect], after: Model, whole: bool = False) -> bool:
         """Return whether an effect, beyond which a model has it, gains in most of the record and not only at reversals.
 
         A sharp model error there depends on the phase of the sampling; a name that lives on it alone names that. What
-        is a function of time need not gain in most of the record (`held_out.chance_alone`).
+        is a function of time need not gain in most of the record (`held_out.chance_alone`). Nor need what acts at
+        reversals and explains the `whole` of what is left, if it gains without its best block, too.
         """
         record = self._record
         counted = np.ones(record.used.size, np.bool_)
-        if effect.acts != REVERSAL:
+        sharp = effect.acts == REVERSAL
+        if not sharp:
             counted = record.features.since_reversal_s >= EARLY * self._context.step_s
-        return gains_beyond_chance(model.joint.residual_N, after.joint.residual_N, record, counted, effect)
+        errors = model.joint.residual_N, after.joint.residual_N
+        return gains_beyond_chance(*errors, record, counted, effect, but_best=whole and sharp)
 
     @cached_property
     def _time_alone(self) -> TimeAlone:

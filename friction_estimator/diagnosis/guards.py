@@ -58,7 +58,7 @@ class Guards:
 
         Where two causes are left one may take there what belongs to the other, and be wrong by as much elsewhere.
         """
-        if self.doubts.stands(model, best.effect, best.model):
+        if self.doubts.stands(model, best.effect, best.model, self._whole(best)):
             return True
         for one in self._views.followers(best.model):
             alone = self._fits.without(one.model, len(model.joint.terms))
@@ -94,8 +94,12 @@ class Guards:
             return True
         ample = best.held_N2 >= later_N2(model)
         one_number = best.effect.delays or best.effect.in_theory
-        whole = ample and one_number and self._views.left_N2(best.model) < WHOLE * best.gain
+        whole = ample and one_number and self._whole(best)
         return self.doubts.beyond_forms(model, best, ample, whole)
+
+    def _whole(self, best: Candidate) -> bool:
+        """Return whether a cause explains all that is left."""
+        return self._views.left_N2(best.model) < WHOLE * best.gain
 
     def brings_share(self, model: Model, best: Candidate, causes: Sequence[Cause]) -> bool:
         """Return whether a cause brings enough beside the first one, or of what is left above the floor."""

@@ -1,4 +1,4 @@
-"""Fitted physical quantities with 95 % intervals: chance, other forms of the cause, and what no cause explains."""
+"""Fitted physical quantities with 95 % intervals: chance, rounding, other forms, and what none explains."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,6 +12,7 @@ from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.library import columns_of
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import Record
+from friction_estimator.diagnosis.rounding import rounding_errors
 from friction_estimator.diagnosis.seek import plateau
 from friction_estimator.effects.features import Context
 
@@ -87,6 +88,18 @@ class Curvature:
         lift = np.sqrt(np.fmax(least / np.maximum(np.diag(sandwich), LEAST_TOLD * least), np.ones(least.size)))
         return np.asarray(sandwich * np.outer(lift, lift))
 
+    def rounding(self, force_N: Floats, lattice_N: float) -> Floats:
+        """Return that which rounding of a force (n,) to steps of a lattice makes, (q, q): its mean over other lattices.
+
+        The error of rounding repeats with the drive, so that it is the same in every block, and no noise.
+        """
+        pulls = sum(
+            piece.z.T @ piece.masked(np.column_stack(list(rounding_errors(force_N[piece.part], lattice_N))))
+            for piece in self.evidence.pieces()
+        )
+        moved = self.inverse @ pulls
+        return np.asarray(moved @ moved.T / moved.shape[1])
+
     def power(self, column: Floats) -> float:
         """Return the power of a column (n,) that no coefficient can make up for, summed."""
         moments = self.evidence.moments(column[:, None])
@@ -101,19 +114,21 @@ def estimates(
     seed: int,
     left_N2: float | None = None,
     apart: Sequence[Mapping[str, float]] = (),
+    lattice_N: float = 0.0,
 ) -> list[dict[str, Estimate]]:
     """Return the physical parameters of each term with intervals.
 
     A quantity that hangs on a coefficient of which the samples used tell nothing has no interval (NaN).
 
     Without `left_N2` they are those of chance alone: by the delta method with Student t over blocks. With it half of
-    the interval is the root of the sum of squares of this, of what other forms of the cause differ by, and of what a
-    misfit of that power makes of the quantity at a correlation of `MISFIT`.
+    the interval is the root of the sum of squares of this, of what rounding to a lattice makes of the quantity, of what
+    other forms of the cause differ by, and of what a misfit of that power makes of it at a correlation of `MISFIT`.
 
     Parameters
     ----------
     left_N2 : error power that no cause explains, summed. apart : for each term by how much other forms of its cause
         that fit as well differ, by quantity; the effect's own systematic share holds where that is less.
+    lattice_N : step of the force where rounding to it repeats with the drive (`floor.coarse_step`), else 0.
     """
     known = Curvature.of(joint, record, seed)
     quantile = float(stdtrit(max(record.blocks - 1, 1), 0.975))
@@ -121,6 +136,8 @@ def estimates(
     squares = quantile**2 * known.covariance() * scales
     if left_N2 is not None:
         squares += MISFIT**2 * left_N2 * known.inverse * scales
+    if lattice_N:
+        squares += quantile**2 * known.rounding(record.friction_N - joint.residual_N, lattice_N) * scales
     place = joint.base.tangent.shape[1]
     untold = (np.diag(known.evidence.zz.sum(0)) == 0.0) & (joint.scales != 0.0)
     out = []

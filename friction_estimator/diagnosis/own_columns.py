@@ -13,6 +13,7 @@ from itertools import chain, islice
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from scipy.linalg import norm
 
 from friction_estimator.core.sample import Bools, Floats
 from friction_estimator.core.sums import parts
@@ -111,8 +112,9 @@ def largest_change(
     steps = []
     for old, new, bracket in zip(before, terms, anchors, strict=True):
         steps += [abs(new.params[n] - old.params[n]) / max(high - low, 1e-300) for n, (low, high) in bracket.items()]
-        size = float(np.linalg.norm(new.weights)) or 1.0
-        steps.append(float(np.linalg.norm(new.weights - old.weights)) / size)
+        # The squares of what has run away are beyond the numbers: this norm forms none.
+        size = float(norm(new.weights, check_finite=False)) or 1.0
+        steps.append(float(norm(new.weights - old.weights, check_finite=False)) / size)
     return max(steps, default=0.0)
 
 

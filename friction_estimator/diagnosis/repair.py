@@ -66,7 +66,9 @@ def repaired(
     fit = fit or fit_base(record, config)
     steep = _slopes(fit, record, context)[0]
     record = record.with_force(record.friction_N, record.used & ~kinked(record, steep, fit.residual_N))
-    return record, record.context(config, float(np.abs(fit.fitted_N).max())), found
+    context = record.context(config, float(np.abs(fit.fitted_N).max()))
+    blurred_m = max((fault.scatter_m_s for fault in found), default=0.0) * context.step_s
+    return record, replace(context, blurred_m=blurred_m), found
 
 
 def scattered(view: DataView, catalogue: Catalogue = EFFECTS) -> list[Fault]:

@@ -1,6 +1,6 @@
 """Linear screening of the library, and the gate that a gain must pass."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +10,7 @@ from friction_estimator.diagnosis.evidence import Evidence, Fit, Rule, null_maxi
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.library import Family, Hypothesis, Library, columns_of
 from friction_estimator.diagnosis.record import Record
+from friction_estimator.diagnosis.rounding import rounding_errors
 from friction_estimator.diagnosis.tangent import normal_equations, pieces
 from friction_estimator.effects.base import Effect
 
@@ -19,15 +20,6 @@ FLIPS = 400
 LEVEL = 0.01
 MARGIN = 1.5
 """Family-wise level, and times the bootstrap's quantile that the best held-out gain must exceed."""
-
-LATTICES = 40
-FINER = 0.7
-"""Lattices for which the gains that rounding makes are worked out, and the step of the finest over that of the force.
-Where the force holds a few levels the fit has followed their rounded values, and lies on the lattice itself: another
-origin then gives every level the same error, another step gives each its own (decision 0225)."""
-
-GOLDEN = 0.6180339887498949
-"""Share of a step between the origins of one lattice and the next: they spread evenly, and unlike the steps do."""
 
 ROUNDING_MARGIN = 3.0
 """Times the largest of these that a gain must exceed: what rounding makes hangs on the noise and on the curve's own
@@ -169,7 +161,7 @@ def gate(
             rows = np.concatenate([c[part] for c in shares], axis=1)
             residual[part] -= joint.tangent[part] @ weights[:place] + rows @ weights[place:]
     calm = Evidence(joint.tangent, joint.penalty, residual, record.used, record.block, seed)
-    errors = rounding_errors(record.friction_N - residual, lattice_N, LATTICES)
+    errors = rounding_errors(record.friction_N - residual, lattice_N)
     rounded = [calm.with_residual(error) for error in errors]
     found = library.products_with(calm, np.column_stack([m.residual for m in (calm, *rounded)]))
     groups: dict[bool, tuple[list[tuple[Floats, Floats]], list[Rule]]] = {False: ([], []), True: ([], [])}
@@ -183,19 +175,3 @@ def gate(
             rounding[family.name] = max(rounding[family.name], gain)
     flips = calm.flips(FLIPS)
     return (null_maximum(flips, *groups[False]), null_maximum(flips, *groups[True])), rounding
-
-
-def rounding_errors(force_N: Floats, lattice_N: float, number: int) -> Iterator[Floats]:
-    """Yield the errors of a force rounded to lattices of several origins and steps, (n,) each, N; none without one.
-
-    The origin is the sensor's: the model does not know it to a step. The errors of a finer lattice are scaled to those
-    of the force's own.
-
-    >>> list(rounding_errors(np.array([0.0, 0.3]), 1.0, 1))
-    [array([ 0. , -0.3])]
-    """
-    for k in range(number if lattice_N else 0):
-        finer = 1.0 - (1.0 - FINER) * k / number
-        step = finer * lattice_N
-        shift = step * ((k * GOLDEN) % 1.0)
-        yield (step * np.round((force_N - shift) / step) + shift - force_N) / finer

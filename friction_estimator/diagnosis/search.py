@@ -154,7 +154,7 @@ class Searcher:
             if found is None:
                 return
             best, rivals, behind = found
-            by_data = best.held_N2 > view.needed.get(best.name, view.least)
+            by_data = self.views.passes(model, best)
             weaker = [r.one for r in refused if r.weak]
             if not self.guards.admit(model, best, by_data, causes) or not self.guards.apart(best, weaker):
                 weak, sized = not self.guards.enough(model, best, causes), by_data and self.fits.known_sign(best)

@@ -100,6 +100,11 @@ class Views:
         hidden |= any(t.effect.acts == REVERSAL and not t.effect.delays for t in model.joint.terms)
         return passing + [s for s in some if s not in passing and s.hypothesis.effect.delays and hidden]
 
+    def passes(self, model: Model, one: Candidate) -> bool:
+        """Return whether a candidate's held-out gain passes the gate beside a model."""
+        view = self.of(model)
+        return one.held_N2 > view.needed.get(one.name, view.least)
+
     def unscreened(self, model: Model, out: Collection[str]) -> Iterator[Candidate]:
         """Yield the best fit of each effect in forms that screening does not see, beside a model that leaves much.
 

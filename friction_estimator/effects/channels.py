@@ -253,6 +253,7 @@ class VelocityNoise(Effect):
             {"deviation": (deviation, "m/s", low, high)},
             SMOOTHED,
             velocity_m_s=smoothed(v, view.restart, deviation),
+            scatter_m_s=deviation,
             power_N2=power,
         )
 

@@ -37,6 +37,7 @@ class Fault:
     used : (n,) bool, samples that remain after masking, or None.
     velocity_m_s, position_m, pressure_Pa : (n,) repaired channel (the pressure absolute, as recorded), or None.
     offset_N : to be taken off the force, N: the shift of a lattice that cuts off instead of rounding.
+    scatter_m_s : deviation of the noise of the velocity, m/s; 0 where it has none.
     power_N2 : power of the error that it makes, N^2; 0 where it makes none in the force.
     lattice_N : distance of the values that the force can take, N; 0 where it can take any.
     conceals : whether most of the error is its own, so that spikes and scatter cannot be told from it.
@@ -52,6 +53,7 @@ class Fault:
     position_m: Floats | None = None
     pressure_Pa: Floats | None = None
     offset_N: float = 0.0
+    scatter_m_s: float = 0.0
     power_N2: float = 0.0
     lattice_N: float = 0.0
     conceals: bool = False

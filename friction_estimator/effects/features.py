@@ -32,6 +32,7 @@ class Context:
     motion : "linear" or "rotary"; "" where it is not known.
     held : for each recording its samples in use, forward and backward; empty where it is not known.
     theory_told : whether the record tells the theory's parts of the friction from the rest.
+    blurred_m : way that the noise of the velocity makes in a sample, m; 0 where the velocity is not noisy.
     """
 
     duration_s: float
@@ -52,6 +53,7 @@ class Context:
     motion: str = ""
     held: tuple[tuple[int, int], ...] = ()
     theory_told: bool = True
+    blurred_m: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

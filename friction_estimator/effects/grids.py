@@ -101,9 +101,15 @@ def lengths(context: Context, ratio: float = 2.0) -> Floats:
 
 
 def beyond_length(what: str, value_m: float, context: Context) -> str | None:
-    """Return why a distance after a reversal cannot be told from this record, or None."""
+    """Return why a distance after a reversal cannot be told from this record, or None.
+
+    Where the channel of the velocity is noisy, nobody knows what it moved in a sample to better than that noise.
+    """
+    told = f"its {what} of {quantity(value_m, POSITION, '.3g')}"
+    if value_m < context.blurred_m:
+        return f"{told} is shorter than what the noise of the velocity moves in a sample"
     if value_m > BEYOND_LENGTH * context.stroke_m:
-        return f"its {what} of {quantity(value_m, POSITION, '.3g')} is longer than a quarter of the stroke"
+        return f"{told} is longer than a quarter of the stroke"
     return None
 
 
