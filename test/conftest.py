@@ -1,6 +1,7 @@
 """Fixtures that several rooms share."""
 
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -35,6 +36,15 @@ def shared_data() -> Path:
 def shared_hostile() -> Path:
     """Files that broke something once, which do not belong to the project either; used as `shared_data` is."""
     return HOSTILE
+
+
+@pytest.fixture
+def blank_drawings() -> Iterator[None]:
+    """What a test writes has empty figures and charts."""
+    from blank_drawings import blank_drawings as drawn_blank  # what draws is loaded for these tests alone
+
+    with drawn_blank():
+        yield
 
 
 @pytest.hookimpl(tryfirst=True)  # before -m selects

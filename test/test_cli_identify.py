@@ -126,6 +126,7 @@ def test_real_axis_frozen_after_the_first_half(shared_data, capsys, tmp_path):
     assert json.loads(capsys.readouterr().out)["nrmse_frozen"] <= 0.055
 
 
+@pytest.mark.usefixtures("blank_drawings")
 def test_extension_terms_are_fitted(capsys, tmp_path):
     """With a spring on the load cell only the model that has the spring fits, from a file with learned values too."""
     samples = to_samples(read_recording(DEMO), Config()).samples

@@ -144,6 +144,7 @@ def usual(tmp_path_factory):
     return path
 
 
+@pytest.mark.usefixtures("blank_drawings")
 @pytest.mark.parametrize("form", ["folder", "file"])
 def test_names_that_are_no_utf8_work(run, usual, tmp_path, form):
     """As input, as output, in reports and in JSON."""

@@ -9,13 +9,15 @@ import sys
 from pathlib import Path
 
 import pytest
+from blank_drawings import blank_drawings as drawn_blank
 
 from friction_estimator.cli.diagnose import refusal as refused_by_diagnose
 from friction_estimator.cli.main import main
 from friction_estimator.cli.results import RESULTS
 from friction_estimator.output.staging import Staging
 
-pytestmark = pytest.mark.xdist_group("cli_outputs")
+# Which files there are and whose they are is looked at, not what is in them.
+pytestmark = [pytest.mark.xdist_group("cli_outputs"), pytest.mark.usefixtures("blank_drawings")]
 
 SHORT = ("--condition", "b", "--cycles", "3", "--rate", "200")
 TABLE = ("--time", "t", "--map", "velocity=v,friction=f")
@@ -35,7 +37,8 @@ def made(tmp_path_factory):
     """A recording, results of a replay over it, and a table."""
     folder = tmp_path_factory.mktemp("made")
     assert run("simulate", *SHORT, "--out", folder / "bag") == 0
-    assert run("replay", folder / "bag", "--out", folder / "run") == 0
+    with drawn_blank():
+        assert run("replay", folder / "bag", "--out", folder / "run") == 0
     rows = [f"{k * 0.01:.2f},{k % 7 - 3},{k % 5}\n" for k in range(1, 200)]
     (folder / "table.txt").write_text("t,v,f\n" + "".join(rows))
     return folder

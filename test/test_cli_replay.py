@@ -256,6 +256,7 @@ def with_rest(samples: Samples) -> Samples:
     )
 
 
+@pytest.mark.usefixtures("blank_drawings")
 def test_results_stand_beside_the_inputs_whatever_clock_made_the_stamps(tmp_path, demo):
     """Stamps of a simulated clock that loops once, recorded in one go years later."""
     samples, half = demo[:1000], 500
@@ -277,6 +278,7 @@ def test_results_stand_beside_the_inputs_whatever_clock_made_the_stamps(tmp_path
     assert set(times["/friction_estimator/parameters/fir_taps"]) < set(times["/friction"])
 
 
+@pytest.mark.usefixtures("blank_drawings")
 def test_the_configuration_written_for_a_joint_suits_the_node(tmp_path, demo):
     with writing(tmp_path / "bag") as writer:
         values = {"velocity": demo.velocity_m_s, "friction": demo.friction_N}
@@ -287,6 +289,7 @@ def test_the_configuration_written_for_a_joint_suits_the_node(tmp_path, demo):
     assert run(tmp_path / "bag", "--config", tmp_path / "out" / "config.yaml") == 0
 
 
+@pytest.mark.usefixtures("blank_drawings")
 def test_learned_values_keep_their_units(tmp_path, capsys):
     """What the first contact chose is learned: the next run takes it over, whatever it sees first."""
     first = replayed(capsys, DEMO, "--out", tmp_path / "out")["parameters"]

@@ -101,6 +101,7 @@ def read_units(samples):
 # Judging
 
 
+@pytest.mark.usefixtures("blank_drawings")
 def test_three_ways_to_the_same_judgement(bags, tmp_path, capsys):
     """--test, --freeze-after at the end of the first recording, and a learned configuration that does not learn."""
     given = tmp_path / "given.yaml"
@@ -172,6 +173,7 @@ def test_what_judges_is_not_learned_from(bags, tmp_path, capsys):
     assert judged["test"][0]["nrmse"] > 1.0 > judged["test"][1]["nrmse"]
 
 
+@pytest.mark.usefixtures("blank_drawings")
 def test_identify_fits_all_and_is_judged(bags, tmp_path, capsys):
     words = [bags / "sine", bags / "slow", "--test", bags / "triangle", "--fit-only", "--out", tmp_path / "out"]
     result = result_of(capsys, "identify", *words)
@@ -201,6 +203,7 @@ def test_the_table_has_every_rival_in_nrmse_and_in_newton(bags, capsys):
     assert [float(n) for n in newton[1:]] == pytest.approx([scale * float(n) for n in test[3:]], rel=2e-3)
 
 
+@pytest.mark.usefixtures("blank_drawings")
 def test_results_hold_a_recording_each(bags, tmp_path, capsys):
     out = tmp_path / "out"
     result = result_of(capsys, "replay", bags / "sine", bags / "slow", "--test", bags / "triangle", "--out", out)

@@ -282,6 +282,7 @@ def test_joint_states_without_efforts_gives_way_to_a_topic_with_them(tmp_path):
 # Every joint of a recording
 
 
+@pytest.mark.usefixtures("blank_drawings")
 def test_all_joints_are_a_row_a_folder_and_a_document_each(arm, tmp_path, capsys):
     out = tmp_path / "out"
     code, found = document(capsys, "replay", arm, "--joint", "all", "--freeze-after", 0.5, "--out", out)
@@ -368,6 +369,7 @@ def test_all_joints_of_a_recording_without_joints_is_one_line(tmp_path, capsys):
         assert "no JointState topic for --joint all" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("blank_drawings")
 def test_a_configuration_for_several_joints_serves_each_of_them(arm, tmp_path, capsys):
     """What a node of several joints dumps: shared settings once, learned values by joint."""
     out = tmp_path / "out"
