@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_records import names, record, set_of
+from diagnosis_records import abba, names, record, set_of
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis import base_problem
@@ -65,14 +65,14 @@ def test_plants_of_another_hand_show_nothing_where_nothing_is_hidden(plant: str)
 
 
 def test_a_lagging_film_is_a_frictional_lag_and_nothing_else() -> None:
-    result = diagnose([record(plant="film_lag")], Config())
+    result = diagnose([record(plant="film_lag", segments=abba()[:4])], Config())
     assert names(result) == ["frictional_lag"]
     assert result.unexplained_percent < 5.0
 
 
 @pytest.mark.parametrize("delay", [0.0003, 0.003, 0.02])
 def test_a_delay_is_found_within_its_interval(delay: float) -> None:
-    result = diagnose([record([f"time_delay:delay={delay}"])], Config())
+    result = diagnose([record([f"time_delay:delay={delay}"], segments=abba()[:4])], Config())
     assert len(names(result)) == 1
     first = result.effects[0]
     assert "time_delay" in set_of(first)
@@ -86,7 +86,7 @@ def test_a_delay_is_found_within_its_interval(delay: float) -> None:
 
 @pytest.mark.parametrize("time_constant", [0.002, 0.009])
 def test_a_filter_is_found_within_its_interval(time_constant: float) -> None:
-    result = diagnose([record([f"sensor_lowpass:time_constant={time_constant}"])], Config())
+    result = diagnose([record([f"sensor_lowpass:time_constant={time_constant}"], segments=abba()[:4])], Config())
     assert len(names(result)) == 1
     first = result.effects[0]
     assert "sensor_lowpass" in set_of(first)
