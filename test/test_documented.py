@@ -1,7 +1,7 @@
 """Every command, program and setting that the pages show is run, in a clean copy, in order of the page.
 
 What cannot be run is listed in `EXEMPT` with its reason, and nowhere else. Files that belong to the reader's own rig
-are made by `SUPPLIED`.
+are made by `SUPPLIED`. What a command draws in this process is blank: what it prints is what the page promises.
 """
 
 import os
@@ -147,7 +147,7 @@ def environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Non
         yield
 
 
-@pytest.mark.usefixtures("environment")
+@pytest.mark.usefixtures("environment", "blank_drawings")
 @pytest.mark.parametrize("page", parameters())
 def test_the_commands_of_a_page_do_what_it_says(page, clean_copy, tmp_path, monkeypatch, capfd):
     SUPPLIED.get(page, lambda _: None)(clean_copy)
