@@ -77,7 +77,8 @@ def test_what_is_small_beside_a_named_cause_is_a_trace() -> None:
 
 
 def test_fitted_parameters_are_the_true_ones() -> None:
-    result = diagnose([record(["inertia:mass=0.5", "presliding:amplitude=0.9,length=2.6e-5"])], Config())
+    hidden = ["inertia:mass=0.5", "presliding:amplitude=0.9,length=2.6e-5"]
+    result = diagnose([record(hidden, segments=abba()[:4])], Config())
     values = {e.name: e.parameters for e in result.effects}
     assert set(values) == {"inertia", "presliding"}
     assert values["inertia"]["mass"].value == pytest.approx(0.5, rel=0.05)
