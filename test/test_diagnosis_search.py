@@ -372,10 +372,14 @@ def test_bristles_are_not_given_up_for_a_pressure_that_leaves_the_memory_much_to
 
 
 def test_a_well_in_which_bristles_push_is_none() -> None:
-    """Forces of either sign that nearly cancel fit best, and with them refused a film's lag was told, 67 % left."""
+    """Forces of either sign that nearly cancel fit best, and with them refused a film's lag was told, 67 % left.
+
+    Of all causes but the times of the whole force, which take half of the search and change nothing of it.
+    """
     segments = (segment(2.0, 60.0, 20.0, "triangle"), segment(7.0, 200.0, 28.0, "triangle"))
     data = record(["squeeze_film:size=0.04"], plant="maxwell_slip", segments=segments, seed=912)
-    assert names(diagnose([data], Config()))[0] == "presliding"
+    some = chosen(*(name for name in EFFECTS if name not in TIMES))
+    assert names(diagnose([data], Config(), catalogue=some))[0] == "presliding"
 
 
 @pytest.mark.parametrize(
