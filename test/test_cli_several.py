@@ -15,6 +15,8 @@ from friction_estimator.core.online.replay import replay
 from friction_estimator.core.sample import joined
 from friction_estimator.core.settings.config import Config
 
+pytestmark = pytest.mark.xdist_group("cli_several")
+
 RIVALS = {"coulomb_viscous", "stribeck", "stribeck_asymmetric", "persistence", "theory"}
 DRIVES = {"sine": "1:50:6", "triangle": "1:50:4:triangle", "slow": "2:50:6"}
 MEMORY = Config().fir.order

@@ -26,6 +26,8 @@ from friction_estimator.sweep.job import Job, judge
 from friction_estimator.tasks import identity
 from friction_estimator.tasks.identity import File, changed_ns
 
+pytestmark = pytest.mark.xdist_group("cli_sweep")
+
 FILES = ["config.yaml", "report.html", "rows.jsonl", "rows.parquet", "summary.json", "table.parquet"]
 SETS = ("--set", "law=nlms,rls", "--set", "fir.order=0,4")
 

@@ -26,6 +26,8 @@ from friction_estimator.core.settings.joint_names import plain_name, plain_names
 from friction_estimator.core.settings.joints import Settings
 from friction_estimator.documents.configuration import read_config
 
+pytestmark = pytest.mark.xdist_group("joints_recorded")
+
 SOUND, STILL, BLIND = ("arm/elbow", "wrist ä"), ("stuck", "parked"), ("blind", "tool")
 
 
