@@ -136,7 +136,7 @@ def test_a_delay_beside_a_lagging_film_is_not_the_films_other_form() -> None:
 def test_a_lag_beside_bristles_is_measured_by_the_bristles_and_not_by_a_trait() -> None:
     """Beside an asymmetry of two hundred times its power the lag was refused, and a mass that is like it was named."""
     traits = ("direction_asymmetry", "pressure_dependence", "frictional_lag")
-    samples = record(["presliding:size=0.04,form=1,length=1.9e-5"], plant="rig")
+    samples = record(["presliding:size=0.04,form=1,length=1.9e-5"], plant="rig", segments=abba()[:4])
     found = diagnose([samples], Config(), catalogue=chosen(*traits, "presliding", "inertia"))
     assert set(names(found)) == {*traits, "presliding"}
 

@@ -102,7 +102,8 @@ def test_a_step_beside_a_dependence_on_the_pressure_is_named_if_it_is_within_one
     segments = tuple(segment(t, p, s) for p in (50.0, 125.0, 200.0) for t, s in ((1.0, 7.0), (5.0, 15.0)))
     own = PLANTS["rig"].traits
     some = chosen(*own, "bias_step")
-    data = record([f"bias_step:step=0.5,at={at}"], plant="rig", segments=segments)
+    hidden = (parse_effect(f"bias_step:step=0.5,at={at}"),)
+    data = simulate(Scenario(segments, "rig", 100.0, 0.01, 3, hidden)).samples
     result = diagnose([data], Config.from_mapping({"theory.kind": "seal"}), catalogue=some)
     told = {effect.name: effect for effect in result.effects}
     assert set(told) - set(own) == found
