@@ -75,14 +75,14 @@ class Comparison:
             if not fits:
                 return None
             best = self._best(model, causes, fits, compared)
-            alike = self._alike(model, best, {*compared, *out})
-            sharp = [c for c in alike if c.effect.acts == REVERSAL and c.gain > best.gain]
+            like_it = self._alike(model, best, {*compared, *out})
+            sharp = [c for c in like_it if c.effect.acts == REVERSAL and c.gain > best.gain]
             better = {c.name: c for c in sharp if self._views.passes(model, c)}
             if not better:
                 break
             # What shows at reversals is badly screened; where what it was taken for finds it, it is the better one.
             compared |= better
-        fits |= {c.name: c for c in alike}
+        fits |= {c.name: c for c in like_it}
         same = _equals(best, fits.values())
         # What goes with time is made as well as that of a recorded variable by many a shape; anything else is not.
         slow = best.effect.acts == SLOW
