@@ -1,6 +1,7 @@
 """A film that lags: what follows it, in which form, and what must not be named in its place."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from friction_estimator.diagnosis.guards import FORMS_SHARE
 from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import build_record
+from friction_estimator.diagnosis.search import Searcher
 from friction_estimator.effects import EFFECTS, parse_effect
 from friction_estimator.rig.drive import Segment, segment
 from friction_estimator.rig.simulate import Scenario, simulate
@@ -238,3 +240,13 @@ def test_a_gap_shorter_than_a_noisy_velocity_moves_in_a_sample_is_not_told(gap: 
     some = chosen("velocity_noise", "backlash", "presliding", "breakaway", "direction_asymmetry")
     found = names(diagnose([data], SEAL, catalogue=some))
     assert sorted(found) == sorted(["velocity_noise", "direction_asymmetry", *told])
+
+
+def test_what_is_too_short_to_be_told_is_fitted_all_the_same() -> None:
+    """It may make up for a part of what is left: without it bristles of 2.5 times the noise's way were lost."""
+    data = build_record([record(["backlash:gap=1.1e-5"], segments=abba()[:4])], SEAL)
+    context = data.context(SEAL, float(np.abs(data.friction_N).max()))
+    for blurred_m, named in ((1e-6, ["backlash"]), (1e-4, [])):
+        search = Searcher(data, SEAL, replace(context, blurred_m=blurred_m), chosen("backlash", "inertia"), 0)
+        assert search.fits(search.fits.base(), "backlash", {"gap": 1.1e-5}) is not None
+        assert [cause.name for cause in search(lambda _stage, _part: None).causes] == named

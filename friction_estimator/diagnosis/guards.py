@@ -49,6 +49,8 @@ class Guards:
             return True
         if self._smoothed and self.doubts.undone(model, best):
             return False
+        if best.effect.spans(best.term.params, best.term.weights, self._views.context) is not None:
+            return False
         if best.name in self._views.with_pressure(model) and not self.beyond_pressure(model, best):
             return False
         return self._stands(model, best) and self._fits.known_sign(best) and self._beyond_memory(model, best)

@@ -16,6 +16,9 @@ from friction_estimator.effects.features import Context
 
 FOLDS = 4
 
+FEWEST = 4
+"""Blocks beside the best one that must say for themselves that an effect gains."""
+
 AS_FAST = 0.1
 """Of the rms speed of a block: what another may be slower or faster by and still be driven as it is."""
 
@@ -78,7 +81,9 @@ def gain_between(before: Floats, after: Floats, record: Record, spread: float, e
         error = min(error, error_of_sum(ratio / 2.0 * chance / max(one.sum(), 1e-300)))
     low, high = 1.0 - ratio - quantile * error, 1.0 - ratio + quantile * error
     if all(effect.acts == REVERSAL for effect in effects):
-        most, error = _ratio(one, np.where(np.arange(one.size) == np.argmax(one - other), one, other))
+        rest, best = other.copy(), int(np.argmax(one - other))
+        rest[best] = max(one[best], other[best])
+        most, error = _ratio(one, rest)
         low = max(low, 1.0 - most - quantile * error)
     return Gain(nrmse_before, nrmse_after, 100.0 * (1.0 - ratio), 100.0 * low, 100.0 * high)
 
@@ -103,9 +108,12 @@ def gains_beyond_chance(
     chance = chance_alone([effect], change, after, record)
     if chance is not None:
         error = min(error, error_of_sum(chance))
+    if gains.sum() > stdtrit(gains.size - 1, 0.975) * error:
+        return True
     others = np.delete(gains, np.argmax(gains))
-    quantile = float(stdtrit(gains.size - 1, 0.975))
-    return bool(gains.sum() > quantile * error or (but_best and others.sum() > quantile * error_of_sum(others)))
+    if not but_best or others.size < FEWEST:
+        return False
+    return bool(others.sum() > stdtrit(others.size - 1, 0.975) * error_of_sum(others))
 
 
 def chance_alone(effects: Sequence[type[Effect]], change: Floats, after: Floats, record: Record) -> Floats | None:
