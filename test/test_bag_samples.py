@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from own_peak import PEAK
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from friction_estimator.bag import read, samples, source
@@ -176,11 +177,6 @@ MEASURE = """
 import sys
 from friction_estimator.cli.main import main
 
-def peak():
-    # The rusage of a process begins with the peak of the one that started it; this is its own.
-    with open("/proc/self/status") as status:
-        return 1024 * int(next(line for line in status if line.startswith("VmHWM")).split()[1])
-
 for bag in sys.argv[-2:]:
     assert main([*sys.argv[1:-2], bag]) == 0
     print(peak())
@@ -214,7 +210,7 @@ def lengths(tmp_path_factory):
 def test_what_a_verb_holds_of_a_long_recording(lengths, tmp_path, words, most):
     words = [str(tmp_path / "out") if word == "OUT" else word for word in words]
     environment = {**os.environ, "PYTHONPATH": str(Path(samples.__file__).parents[2])}
-    command = [sys.executable, "-c", MEASURE, *words, *lengths]
+    command = [sys.executable, "-c", PEAK + MEASURE, *words, *lengths]
     run = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
     short, long = (int(line) for line in run.stdout.split() if line.isdigit() and len(line) > 6)
     assert long - short < most * (LONG - SHORT) + BLOCKS

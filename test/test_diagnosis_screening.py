@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+from own_peak import PEAK
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis import tangent as tangent_module
@@ -156,11 +157,6 @@ def made(seconds):
     hidden = (parse_effect("inertia:size=0.04"),)
     return simulate(Scenario(segments, plant="clean", rate_hz=250.0, seed=3, effects=hidden)).samples
 
-def peak():
-    # The rusage of a process begins with the peak of the one that started it; this is its own.
-    with open("/proc/self/status") as status:
-        return 1024 * int(next(line for line in status if line.startswith("VmHWM")).split()[1])
-
 large = made(30.0)
 diagnose([made(15.0)], Config())
 before = peak()
@@ -172,5 +168,5 @@ print((peak() - before) / (len(large) - 30_000))
 
 def test_a_sample_takes_at_most_two_kilobytes() -> None:
     """The growth of the peak from 30,000 samples to 60,000, in a process of its own: the fits kept are there before."""
-    done = subprocess.run([sys.executable, "-c", MEMORY], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-c", PEAK + MEMORY], capture_output=True, text=True, check=True)
     assert float(done.stdout) < 2000.0
