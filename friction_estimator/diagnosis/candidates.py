@@ -272,16 +272,13 @@ class Candidates:
     def _candidate(self, model: Model, joint: Joint) -> Candidate | None:
         """Return the last term of a fit as a candidate beside the model, or None where it cannot be."""
         term = joint.terms[-1]
-        if not signs_kept(joint) or self._impossible(term):
+        # What is too short to be told may still make up for a part of what is left, beside what can be told.
+        if not signs_kept(joint) or term.beyond(replace(self.context, blurred_m=0.0)):
             return None
         after = self._judged(joint)
         belied = term.effect.belied(term.params, joint.parts_N[-1], joint.features, joint.reference, self.context)
         one = Candidate(term.name, term.effect, after, *gain_parts(model, after), belied)
         return one if np.isfinite(one.gain) else None
-
-    def _impossible(self, term: Term) -> bool:
-        """Return whether a term's values lie beyond what the record spans."""
-        return term.effect.spans(term.params, term.weights, self.context) is not None
 
     def _judged(self, joint: Joint) -> Model:
         return Model(joint, joint.held_out_loss(self.problem.record, self.seed))
@@ -326,7 +323,7 @@ class Candidates:
                 new = joint.terms[i]
                 part_N = joint.parts_N[i]
                 belied = term.effect.belied(new.params, part_N, joint.features, joint.reference, self.context)
-                if belied or not signs_kept(joint) or self._impossible(new):
+                if belied or not signs_kept(joint) or new.beyond(self.context):
                     continue
                 other = self._judged(joint)
                 gain = loss - float(other.loss.sum())

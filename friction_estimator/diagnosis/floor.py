@@ -163,6 +163,8 @@ def coarse_step(record: Record, residual_N: Floats, lattice_N: float) -> float:
 
     What does not repeat is noise and rounding together: with steps of sigma it has 13 times the power of rounding.
     """
+    if lattice_N == 0.0:
+        return 0.0  # without a look at what repeats
     difference, _ = incoherent(record, residual_N)
     known = difference.size >= FEWEST_PAIRS
     noisy = known and np.mean(np.square(difference)) > DITHERED**2 * lattice_N**2 / 12.0

@@ -49,7 +49,7 @@ class Guards:
             return True
         if self._smoothed and self.doubts.undone(model, best):
             return False
-        if best.effect.spans(best.term.params, best.term.weights, self._views.context) is not None:
+        if best.term.beyond(self._views.context):
             return False
         if best.name in self._views.with_pressure(model) and not self.beyond_pressure(model, best):
             return False

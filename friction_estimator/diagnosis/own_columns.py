@@ -52,6 +52,10 @@ class Term:
         """Parameters that are refined continuously, of those that this form has."""
         return tuple(name for name in self.effect.refined if name in self.params)
 
+    def beyond(self, context: Context) -> bool:
+        """Return whether its values lie beyond what the record spans."""
+        return self.effect.spans(self.params, self.weights, context) is not None
+
     def columns(self, features: Features, reference: Reference) -> Floats:
         """Return its columns beside nothing else, (n, c)."""
         return columns_of(self.effect, self.params, features, reference)

@@ -1,7 +1,6 @@
 """What a search sees beside each of its models: what screening says is left, and what comes next."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import replace
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import BaseProblem, Capacity
@@ -54,8 +53,7 @@ class Views:
         self.known = {f.name for f in faults}
         self.ordered, self.held = bool(pressure_order(record)), pressures_held(record)
         self.problem = BaseProblem(record, config, capacity)
-        # What is too short to be told may still make up for a part of what is left, beside what can be told.
-        self.fits = Candidates(self.problem, replace(context, blurred_m=0.0), catalogue, seed)
+        self.fits = Candidates(self.problem, context, catalogue, seed)
         self._samples = max(int(record.used.sum()), 1)
         self._views: dict[Model, View] = {}
         self.steps_N = max((f.lattice_N for f in faults), default=0.0)
