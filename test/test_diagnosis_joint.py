@@ -184,3 +184,21 @@ def test_without_its_only_term_a_fit_is_the_bases() -> None:
     fit = fit_of("inertia:mass=0.3")
     one = fit([Term(EFFECTS["inertia"], {})])
     assert fit.without(one, 0).coefficients.cost == fit().coefficients.cost > one.coefficients.cost
+
+
+def test_bristles_that_would_push_are_held_at_zero_where_the_fit_would_go_on_below() -> None:
+    """The conditions of Karush, Kuhn and Tucker: what is held would only gain below zero, what is free nothing."""
+    problem, context = problem_of("backlash:gap=5e-6", "maxwell_slip")
+    fit = JointFit(problem, context)
+    found = fit([BRISTLES], fit())
+    bristles, used = found.terms[0], problem.record.used
+    left = found.residual_N[used]
+    held = bristles.held
+    assert held.any()
+    assert (bristles.weights[bristles.one_sided & ~held] > 0.0).any()
+    assert not (bristles.weights[bristles.one_sided] < 0.0).any()
+    columns = bristles.columns(found.features, found.reference)[used]
+    pull = left @ columns / np.sqrt(np.square(columns).sum(0) * np.square(left).sum())
+    assert (pull[held] < -1e-3).all()
+    assert np.abs(pull[~held]).max() < 1e-3
+    assert found.at_end.sum() == held.sum()

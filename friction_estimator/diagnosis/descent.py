@@ -29,6 +29,9 @@ RISES, RUN_AWAY = 4, 1.01
 """Rounds in a row without a lower cost after which a joint fit ends, and the cost over the lowest one from which that
 round is taken instead: a fixed point may run away."""
 
+LEVEL_MOVED = 0.02
+"""Share by which the level that bristles carry may differ from that which their columns were made from."""
+
 DAMPINGS = (1.0, 0.5, 0.25, 0.1)
 """Shares of a Gauss-Newton step of the refined parameters that are tried, the first that descends is taken."""
 
@@ -116,13 +119,15 @@ class Descent:
             stayed = all(new.params == old.params for new, old in zip(last.terms, before.terms, strict=True))
             in_vain = in_vain + 1 if stayed else 0
             cost, was = last.coefficients.cost, before.coefficients.cost
-            best, since = (last, 0) if best is None or cost < best.coefficients.cost else (best, since + 1)
+            better = best is None or self._rank(last) < self._rank(best)
+            best, since = (last, 0) if better else (best, since + 1)
             moved = largest_change(before.terms, last.terms, anchors)
             if since == RISES or (abs(cost - was) < SETTLED_COST * was and moved < SETTLED):
                 break
-        if best is not None and last.coefficients.cost > RUN_AWAY * best.coefficients.cost:
-            return best
-        return last
+        if best is None:
+            return last
+        off, cost = self._rank(best)
+        return best if self._rank(last) > (off, RUN_AWAY * cost) else last
 
     def _begun(self, terms: Sequence[Term], base: Coefficients, search: bool) -> Source:
         """Return what the first tables are made from: base and terms, or the theory alone where bristles are new.
@@ -134,15 +139,27 @@ class Descent:
         carries = any(t.effect.carries(t.params) for t in new)
         return (self._problem.theory_alone(base) if carries else base), tuple(terms)
 
+    def _rank(self, found: Solution) -> tuple[bool, float]:
+        """Return a round's place among others: first those whose bristles carry the level of the curve beside them.
+
+        What another round costs is that of columns made from a level that the fit has left.
+        """
+        moved = abs(self._level_moved(found) - 1.0) > LEVEL_MOVED
+        return moved, found.coefficients.cost
+
+    def _level_moved(self, found: Solution) -> float:
+        """Return the level at rest over that which the columns of bristles were made from; 1 without bristles."""
+        if not any(t.effect.carries(t.params) for t in found.terms):
+            return 1.0
+        now, then = (abs(self._base.level_at_rest_N(one)) for one in (found.coefficients, found.source[0]))
+        return now / then if then > 0.0 and now > 0.0 else 1.0
+
     def _on_level(self, found: Solution) -> tuple[Term, ...]:
         """Return the terms with coefficients that make of the model's own tables what they made of its source's.
 
         Those of bristles are forces at the level at rest.
         """
-        if not any(t.effect.carries(t.params) for t in found.terms):
-            return found.terms
-        now, then = (self._base.level_at_rest_N(one) for one in (found.coefficients, found.source[0]))
-        ratio = now / then if then > 0.0 and now > 0.0 else 1.0
+        ratio = self._level_moved(found)
         return tuple(replace(t, weights=ratio * t.weights) if t.effect.carries(t.params) else t for t in found.terms)
 
     def _stepped(self, source: Source, anchors: Anchors, stay: bool) -> Solution:
@@ -194,7 +211,7 @@ class Descent:
         tangent = fit.tangent.with_carried(made.carried)
         if made.carried is not None:
             e = e - made.carried.changed(here.coefficients.weights, here.coefficients.taps)
-        free = [c for c, t in zip(columns, terms, strict=True) if not t.effect.fixed_gain]
+        free = [c[:, ~t.held] for c, t in zip(columns, terms, strict=True) if not t.effect.fixed_gain]
         norm, gram, right = normal_equations(tangent, [*free, *(s[:, None] for s in slopes)], e, used)
         penalty = np.concatenate([fit.penalty, np.zeros(norm.size - fit.penalty.size)]) + 1e-9 * used.sum()
         delta = np.linalg.solve(gram + np.diag(penalty), right) / norm

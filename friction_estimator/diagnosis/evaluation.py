@@ -94,8 +94,9 @@ class Evaluation:
     def __call__(self, solution: Solution) -> Evaluated:
         """Return what a solution is on the record, with the tangent of the whole model.
 
-        A parameter that stands at an end of the bracket in which it was sought is held there. The fit would go on
-        beyond it: what a step there saves, linearly, is nothing that the model can do.
+        A parameter that stands at an end of the bracket in which it was sought is held there, and so is a coefficient
+        that cannot be negative at zero. The fit would go on beyond it: what a step there saves, linearly, is nothing
+        that the model can do.
         """
         coefficients, terms, anchors = solution.coefficients, solution.terms, solution.anchors
         reference, features = self.tables(solution.source)
@@ -128,7 +129,8 @@ class Evaluation:
             block[:, ~shown] = 0.0
             beside.append(block)
             scales.append(np.where(shown, 1.0 / np.where(shown, norm, 1.0), 0.0))
-            ends = [False] * (norm.size - len(refined)) + [at_end(term.params[n], *anchors[i][n]) for n in refined]
+            ends = [] if term.effect.fixed_gain else term.held.tolist()
+            ends += [at_end(term.params[n], *anchors[i][n]) for n in refined]
             ended.append(shown & ends)
             held.append(np.where(shown & ~ended[-1], 0.0, HELD))
         penalty = np.concatenate([fit.penalty, *held])

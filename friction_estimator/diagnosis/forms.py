@@ -92,6 +92,9 @@ def _others(model: Joint, term: Term, force_N: Floats) -> Floats:
     shapes = [term.params | {n: s * term.params[n]} for n in moved for s in SCALES]
     shapes += [dict(v) for v in term.effect.variants(term.params) if term.effect.columns(v).size <= FEW]
     made = [columns_of(term.effect, shape, model.features, model.reference) for shape in shapes]
+    if term.one_sided.any():
+        # One by one they would have no sign: a share of their force, and what they are themselves, in the tangent.
+        made = [(c @ term.weights)[:, None] if c.shape[1] == term.weights.size else c for c in made]
     if not made:
         return nothing
     columns = np.concatenate(made, axis=1)

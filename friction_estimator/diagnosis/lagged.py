@@ -63,9 +63,9 @@ class Extra:
     xx: Floats
     xy: Floats
 
-    def __getitem__(self, columns: slice, /) -> "Extra":
+    def __getitem__(self, columns: slice | Bools, /) -> "Extra":
         """Return the products of some of the columns."""
-        return Extra(self.mx[:, :, columns], self.xx[:, columns, columns], self.xy[:, columns])
+        return Extra(self.mx[:, :, columns], self.xx[:, columns][:, :, columns], self.xy[:, columns])
 
 
 class LaggedProducts:

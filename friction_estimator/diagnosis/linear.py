@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from friction_estimator.core.sample import Bools
-from friction_estimator.diagnosis.base_problem import Coefficients
+from friction_estimator.core.sample import Bools, Floats
+from friction_estimator.diagnosis.base_problem import BaseProblem, Coefficients
+from friction_estimator.diagnosis.lagged import Extra
 from friction_estimator.diagnosis.own_columns import OwnColumns, Term
 from friction_estimator.diagnosis.term_columns import Made
 
@@ -50,4 +51,43 @@ class LinearFit:
             joined, still = found[:width] if free else None, found[width:] if settled else None
             if joined is not None and still is not None:
                 joined = replace(joined, xy=joined.xy - found.xx[:, :width, width])
-        return problem.fit(joined, still, self._rows, starts)
+        own = [t.one_sided for _, t in beside if not t.effect.fixed_gain]
+        return self._fitted(problem, joined, still, starts, np.concatenate(own) if own else np.zeros(0, np.bool_))
+
+    def _fitted(
+        self,
+        problem: BaseProblem,
+        joined: Extra | None,
+        settled: Extra | None,
+        starts: Sequence[Coefficients],
+        one_sided: Bools,
+    ) -> Coefficients:
+        """Fit with those free coefficients held at zero that cannot be negative, (c,) bool, and would be."""
+        found = problem.fit(joined, settled, self._rows, starts)
+        if joined is None or not one_sided.any():
+            return found
+        sizes = np.sqrt(np.einsum("bcc->c", joined.xx))
+        free = np.ones(one_sided.size, np.bool_)
+        while (worst := most_negative(found.extra * sizes, one_sided)) is not None:
+            free[worst] = False
+            fewer = problem.fit(joined[free], settled, self._rows, [found])
+            extra = np.zeros(free.size)
+            extra[free] = fewer.extra
+            found = replace(fewer, extra=extra)
+        return found
+
+
+def most_negative(forces: Floats, one_sided: Bools) -> int | None:
+    """Return the place of the most negative of the forces (c,) that cannot be negative, or None where none is.
+
+    Held at zero one after the other, they are an active set that only grows: Lawson and Hanson, Solving Least Squares
+    Problems, 1974, chapter 23, without the return of one that was held.
+
+    >>> most_negative(np.array([-1.0, -3.0, -5.0]), np.array([True, True, False]))
+    1
+    >>> most_negative(np.array([0.0, 2.0, -5.0]), np.array([True, True, False])) is None
+    True
+    """
+    below = np.where(one_sided, forces, 0.0)
+    worst = int(np.argmin(below))
+    return worst if below[worst] < 0.0 else None

@@ -52,6 +52,17 @@ class Term:
         """Parameters that are refined continuously, of those that this form has."""
         return tuple(name for name in self.effect.refined if name in self.params)
 
+    @property
+    def one_sided(self) -> Bools:
+        """Which of its coefficients cannot be negative, (c,)."""
+        machine = self.effect.columns(self.params)
+        return np.arange(machine.size) < machine.one_sided
+
+    @property
+    def held(self) -> Bools:
+        """Which of its coefficients stand at zero because they cannot be negative, (c,)."""
+        return np.asarray(self.one_sided & (self.weights == 0.0))
+
     def beyond(self, context: Context) -> bool:
         """Return whether its values lie beyond what the record spans."""
         return self.effect.spans(self.params, self.weights, context) is not None

@@ -8,7 +8,7 @@ import numpy as np
 from friction_estimator.core.sample import Bools
 from friction_estimator.diagnosis.base import BaseFit
 from friction_estimator.diagnosis.base_problem import Coefficients
-from friction_estimator.diagnosis.linear import LinearFit
+from friction_estimator.diagnosis.linear import LinearFit, most_negative
 from friction_estimator.diagnosis.own_columns import OwnColumns, Term
 from friction_estimator.diagnosis.products import inner
 from friction_estimator.diagnosis.seek import best_time, over_bends, over_jumps
@@ -111,7 +111,13 @@ class Sought:
             if effect.fixed_gain:
                 return float(left[0, 0] - 2.0 * pull[0])
             left = left + np.diag(1e-9 * np.maximum(np.diag(xx), 1e-300))
-            return -float(pull @ np.linalg.solve(left, pull))
+            free, sizes = np.ones(pull.size, np.bool_), np.sqrt(np.maximum(np.diag(left), 0.0))
+            found = np.asarray(np.linalg.solve(left, pull), np.float64)
+            while (worst := most_negative(found * sizes, trial[-1].one_sided)) is not None:
+                free[worst] = False
+                found = np.zeros(free.size)
+                found[free] = np.linalg.solve(left[np.ix_(free, free)], pull[free])
+            return -float(pull @ found)
 
         for name in terms[-1].refined:
             if name in effect.shares:

@@ -22,6 +22,7 @@ class Columns:
     of_force : True where they are made from the force that runs at the effect's stage, `Features.force_N`.
     of_theory : gives, as `compute` does and with a state of its own, what of the one column is the theory's: it passes
         through the theory's own lags, too, where the base model has such.
+    one_sided : leading columns whose coefficients cannot be negative: of forces that act one way only.
     """
 
     def __init__(
@@ -32,9 +33,10 @@ class Columns:
         filtered: bool = False,
         of_force: bool = False,
         of_theory: Callable[[Features, Reference, Floats], Floats] | None = None,
+        one_sided: int = 0,
     ) -> None:
         self._compute, self._of_theory = compute, of_theory
-        self.size, self.of_force = size, of_force
+        self.size, self.of_force, self.one_sided = size, of_force, one_sided
         self._state, self._theory_state = np.zeros(state), np.zeros(state)
         self._filtered = filtered
         self._ring: Floats | None = None

@@ -43,9 +43,12 @@ DWELL_POWERS = (0.25, 0.5)
 
 
 def relative_level(features: Features, reference: Reference) -> Floats:
-    """Return the level that bristles carry in steady sliding, (n,), over that at low speed and medium pressure."""
-    usual = reference.at_rest_N
-    return reference.level(features.velocity_m_s, features.pressure_Pa) / (usual if abs(usual) > 0.0 else 1.0)
+    """Return the level that bristles carry in steady sliding, (n,), over the size of that at rest and medium pressure.
+
+    Where no turn shows it, it may be less than nothing in a round of a fit: it turns no force of the bristles round.
+    """
+    usual = abs(reference.at_rest_N)
+    return reference.level(features.velocity_m_s, features.pressure_Pa) / (usual if usual > 0.0 else 1.0)
 
 
 @effect
@@ -194,7 +197,7 @@ class Presliding(Effect):
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
-        """Return z - sgn(v); in the spread shape that of elasto-slip elements of several lengths."""
+        """Return z - sgn(v); in the spread shape that of elasto-slip elements of several lengths; none pushes."""
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
             out = np.empty(f.size)
@@ -211,7 +214,7 @@ class Presliding(Effect):
             return out.T * relative_level(f, r)[:, None]
 
         if params.get("spread", 0.0) >= 0.5:
-            return Columns(elements, len(SPREAD) + 1, state=2 * len(SPREAD))
+            return Columns(elements, len(SPREAD) + 1, state=2 * len(SPREAD), one_sided=len(SPREAD))
         return Columns(compute, state=2)
 
     @classmethod
