@@ -52,7 +52,7 @@ class Candidates:
         self._fit = JointFit(problem, context)
         self._known: dict[tuple[Model, str, tuple[tuple[str, float], ...]], Candidate | None] = {}
         self._shaped: dict[tuple[Model, str], Candidate] = {}
-        self._estimates: dict[Model, list[dict[str, Estimate]]] = {}
+        self._estimates: dict[tuple[Model, float | None], list[dict[str, Estimate]]] = {}
 
     @cached_property
     def _alone(self) -> Model:
@@ -71,6 +71,10 @@ class Candidates:
         if key not in self._known:
             self._known[key] = self._fitted(model, name, params, search)
         return self._known[key]
+
+    def beside(self, model: Model) -> list[Candidate]:
+        """Return what was fitted beside a model so far and can be a cause, by its name and its form, oldest first."""
+        return [one for (known, _, _), one in self._known.items() if known is model and one is not None]
 
     def shaped(self, model: Model, best: Candidate) -> Candidate:
         """Return the candidate in that functional form of its cause which the data ask for."""
@@ -283,13 +287,15 @@ class Candidates:
     def _judged(self, joint: Joint) -> Model:
         return Model(joint, joint.held_out_loss(self.problem.record, self.seed))
 
-    def known_sign(self, one: Candidate) -> bool:
+    def known_sign(self, one: Candidate, left_N2: float | None = None) -> bool:
         """Return whether what physics gives one sign, and every length and time, differs from zero by its interval.
+
+        By chance alone; with `left_N2` also by what a misfit of that power may make of it (`estimates`).
 
         What is `positive` lies above it with the whole of that. Of the other quantities one at least must differ: a
         drift whose total may be nothing is another name for a bias.
         """
-        return self._known_sign(one.model, -1)
+        return self._known_sign(one.model, -1, left_N2)
 
     def superfluous(self, model: Model, share: float, doubtful: float) -> tuple[int, Model] | None:
         """Return the place of a term that the last one has made needless, and the model without it, or None.
@@ -338,11 +344,12 @@ class Candidates:
         """Return the model without one of its terms, the others refined from where they are."""
         return self._judged(self._fit.without(model.joint, i))
 
-    def _known_sign(self, model: Model, i: int) -> bool:
+    def _known_sign(self, model: Model, i: int, left_N2: float | None = None) -> bool:
         """Return `known_sign` of one term of a model."""
-        if model not in self._estimates:
-            self._estimates[model] = estimates(model.joint, self.problem.record, self.context, self.seed)
-        term, fitted = model.joint.terms[i], self._estimates[model][i]
+        key = model, left_N2
+        if key not in self._estimates:
+            self._estimates[key] = estimates(model.joint, self.problem.record, self.context, self.seed, left_N2)
+        term, fitted = model.joint.terms[i], self._estimates[key][i]
         one_sign = {name for name in fitted if name in term.refined and name not in term.effect.steps}
         if len(term.effect.signs) == term.weights.size and all(term.effect.signs):
             one_sign |= set(fitted)

@@ -130,7 +130,11 @@ class Comparison:
         found = {c.name: c for c in fitted if c is not None}
         enough = CLOSE * max((c.gain for c in found.values()), default=0.0)
         # What comes close is looked at in its best form anyway.
-        for one in self._views.unscreened(model, {*out, *(c.name for c in found.values() if c.gain > enough)}):
+        more = [*self._views.unscreened(model, {*out, *(c.name for c in found.values() if c.gain > enough)})]
+        # Nor is what was fitted as like one that is out by now, which screening may not see.
+        sharp = (c for c in self._fits.beside(model) if c.effect.acts == REVERSAL and c.name not in out)
+        more += [c for c in sharp if self._views.passes(model, c)]
+        for one in more:
             if one.name not in found or one.gain > found[one.name].gain:
                 found[one.name] = one
         return found

@@ -53,7 +53,17 @@ class Guards:
             return False
         if best.name in self._views.with_pressure(model) and not self.beyond_pressure(model, best):
             return False
-        return self._stands(model, best) and self._fits.known_sign(best) and self._beyond_memory(model, best)
+        return self._stands(model, best) and self._known(best) and self._beyond_memory(model, best)
+
+    def _known(self, best: Candidate) -> bool:
+        """Return whether something is told of the size of a cause.
+
+        What acts at reversals, in few samples, and leaves more than it explains must be told beside that, too.
+        """
+        if not self._fits.known_sign(best):
+            return False
+        left = self._views.left_N2(best.model)
+        return best.effect.acts != REVERSAL or left < best.gain or self._fits.known_sign(best, left)
 
     def _stands(self, model: Model, best: Candidate) -> bool:
         """Return whether a cause gains elsewhere than at reversals: alone, or beside the one that would come after it.

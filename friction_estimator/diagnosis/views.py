@@ -19,8 +19,11 @@ from friction_estimator.effects.features import Context
 Catalogue = Mapping[str, type[Effect]]
 
 SECOND_LEFT = 0.2
-"""Share of a model's error power that must be left above the noise floor before the alternatives of a named cause are
+"""Share of a model's error power that must be left above the noise floor before forms that screening does not see are
 looked at, too."""
+
+ALIKE_LEAST = 0.006
+"""The same for the alternatives of a named cause: a further cause brings as much (`guards.FORMS_SHARE`)."""
 
 FOLLOWERS = 2
 """Effects that are fitted beside a candidate."""
@@ -79,7 +82,7 @@ class Views:
         there = {t.name for t in model.joint.terms}
         families = {self.catalogue[name].family for name in there}
         alike = {name for name, cls in self.catalogue.items() if cls.family in families}
-        if alike == there or self.left_N2(model) < SECOND_LEFT * float(model.loss.sum()):
+        if alike == there or self.left_N2(model) < ALIKE_LEAST * float(model.loss.sum()):
             return alike
         return there | {name for name in alike if self.catalogue[name].delays}
 
