@@ -58,12 +58,13 @@ class Guards:
     def _known(self, best: Candidate) -> bool:
         """Return whether something is told of the size of a cause.
 
-        What acts at reversals, in few samples, and leaves more than it explains must be told beside that, too.
+        Forces that cannot be negative lie on one side of nothing by themselves: where they leave more than they
+        explain, they must be told beside what that may make of them, too.
         """
         if not self._fits.known_sign(best):
             return False
         left = self._views.left_N2(best.model)
-        return best.effect.acts != REVERSAL or left < best.gain or self._fits.known_sign(best, left)
+        return not best.term.one_sided.any() or left < best.gain or self._fits.known_sign(best, left)
 
     def _stands(self, model: Model, best: Candidate) -> bool:
         """Return whether a cause gains elsewhere than at reversals: alone, or beside the one that would come after it.

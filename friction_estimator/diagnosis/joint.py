@@ -119,7 +119,7 @@ class Joint:
 
     @property
     def at_end(self) -> Bools:
-        """Coefficients of parameters that stand at an end of their bracket and are held there, (q,) bool."""
+        """Coefficients that are held, (q,) bool: of parameters at an end of their bracket, and those held at zero."""
         return self._evaluated(self._solution).at_end
 
     def evidence(self, record: Record, seed: int) -> Evidence:
