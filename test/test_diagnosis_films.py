@@ -10,9 +10,8 @@ from diagnosis_records import abba, chosen, names, record
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import BaseProblem
 from friction_estimator.diagnosis.candidates import Candidates
-from friction_estimator.diagnosis.causes import LATER_SHARE
+from friction_estimator.diagnosis.causes import FORMS_SHARE, LATER_SHARE
 from friction_estimator.diagnosis.diagnose import diagnose
-from friction_estimator.diagnosis.guards import FORMS_SHARE
 from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import build_record

@@ -16,6 +16,9 @@ LATER_SHARE = 0.015
 earlier cause, or the base's curve, leaves is no noise: in a record of 25,000 samples it passes every test, and what
 repeats with the drive looks like it (decision 0133)."""
 
+FORMS_SHARE = 0.006
+"""The same of a further cause that is more than other forms of the earlier ones; where less is left above the noise
+floor, the alternatives of a named cause are not looked at (decision 0232)."""
 
 SMALL_SHARE = 0.02
 """The same of one that brings less than `LEAST_SHARE` of the error power of the base alone: beside causes that explain

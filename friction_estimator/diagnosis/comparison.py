@@ -131,7 +131,7 @@ class Comparison:
         enough = CLOSE * max((c.gain for c in found.values()), default=0.0)
         # What comes close is looked at in its best form anyway.
         more = [*self._views.unscreened(model, {*out, *(c.name for c in found.values() if c.gain > enough)})]
-        # Nor is what was fitted as like one that is out by now, which screening may not see.
+        # So is what was fitted as like one that is out by now, and that screening may not see.
         sharp = (c for c in self._fits.beside(model) if c.effect.acts == REVERSAL and c.name not in out)
         more += [c for c in sharp if self._views.passes(model, c)]
         for one in more:

@@ -112,22 +112,21 @@ class Descent:
         base = self._linear(terms, made, base)
         last = Solution(base, tuple(weighted(terms, made.columns, base.extra)), source, anchors)
         del made, reference, features  # as large as those of each round
-        best, since, in_vain = None, 0, 0
+        best, since, in_vain = last, 0, 0
+        rank = lowest = (True, np.inf)
         for _ in range(rounds):
             before = last
             last = self._stepped((before.coefficients, self._on_level(before)), anchors, stay=in_vain >= IN_VAIN)
             stayed = all(new.params == old.params for new, old in zip(last.terms, before.terms, strict=True))
             in_vain = in_vain + 1 if stayed else 0
             cost, was = last.coefficients.cost, before.coefficients.cost
-            better = best is None or self._rank(last) < self._rank(best)
-            best, since = (last, 0) if better else (best, since + 1)
+            rank = self._rank(last)
+            best, lowest, since = (last, rank, 0) if rank < lowest else (best, lowest, since + 1)
             moved = largest_change(before.terms, last.terms, anchors)
             if since == RISES or (abs(cost - was) < SETTLED_COST * was and moved < SETTLED):
                 break
-        if best is None:
-            return last
-        off, cost = self._rank(best)
-        return best if self._rank(last) > (off, RUN_AWAY * cost) else last
+        off, cost = lowest
+        return best if rank > (off, RUN_AWAY * cost) else last
 
     def _begun(self, terms: Sequence[Term], base: Coefficients, search: bool) -> Source:
         """Return what the first tables are made from: base and terms, or the theory alone where bristles are new.

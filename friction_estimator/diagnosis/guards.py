@@ -3,13 +3,10 @@
 from collections.abc import Sequence
 
 from friction_estimator.diagnosis.candidate import Candidate, Model
-from friction_estimator.diagnosis.causes import LATER_SHARE, LEAST_SHARE, Cause, least_further_N2
+from friction_estimator.diagnosis.causes import FORMS_SHARE, LATER_SHARE, LEAST_SHARE, Cause, least_further_N2
 from friction_estimator.diagnosis.doubts import Doubts
 from friction_estimator.diagnosis.views import SECOND_LEFT, Views
 from friction_estimator.effects.base import REVERSAL, SLOW
-
-FORMS_SHARE = 0.006
-"""Share of the error power that a further cause must bring where it is more than other forms of the earlier ones."""
 
 SECOND_SHARE = 0.02
 """A further cause must bring this share of the first one's gain."""

@@ -51,21 +51,21 @@ class LinearFit:
             joined, still = found[:width] if free else None, found[width:] if settled else None
             if joined is not None and still is not None:
                 joined = replace(joined, xy=joined.xy - found.xx[:, :width, width])
-        own = [t.one_sided for _, t in beside if not t.effect.fixed_gain]
-        return self._fitted(problem, joined, still, starts, np.concatenate(own) if own else np.zeros(0, np.bool_))
+        if joined is None:
+            return problem.fit(joined, still, self._rows, starts)
+        one_sided = np.concatenate([t.one_sided for _, t in beside if not t.effect.fixed_gain])
+        return self._one_sided(problem, joined, still, starts, one_sided)
 
-    def _fitted(
+    def _one_sided(
         self,
         problem: BaseProblem,
-        joined: Extra | None,
+        joined: Extra,
         settled: Extra | None,
         starts: Sequence[Coefficients],
         one_sided: Bools,
     ) -> Coefficients:
         """Fit with those free coefficients held at zero that cannot be negative, (c,) bool, and would be."""
         found = problem.fit(joined, settled, self._rows, starts)
-        if joined is None or not one_sided.any():
-            return found
         sizes = np.sqrt(np.einsum("bcc->c", joined.xx))
         free = np.ones(one_sided.size, np.bool_)
         while (worst := most_negative(found.extra * sizes, one_sided)) is not None:

@@ -9,9 +9,9 @@ from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import Capacity
 from friction_estimator.diagnosis.candidate import Candidate, Model, equals, gain_parts
 from friction_estimator.diagnosis.capacity import in_words, wider
-from friction_estimator.diagnosis.causes import LATER_SHARE, Cause, Search, as_misfit
+from friction_estimator.diagnosis.causes import FORMS_SHARE, LATER_SHARE, Cause, Search, as_misfit
 from friction_estimator.diagnosis.comparison import Comparison
-from friction_estimator.diagnosis.guards import FORMS_SHARE, Guards, later_N2
+from friction_estimator.diagnosis.guards import Guards, later_N2
 from friction_estimator.diagnosis.joint import is_constant
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.views import Catalogue, Views

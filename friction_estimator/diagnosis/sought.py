@@ -100,7 +100,7 @@ class Sought:
         penalty = np.concatenate([fit.penalty, np.zeros(z.shape[1] - fit.penalty.size)]) + 1e-9 * len(z)
         inverse = np.linalg.inv(inner(z, z) + np.diag(penalty))
         ze = inner(z, e)
-        effect, params = terms[-1].effect, dict(terms[-1].params)
+        effect, params, one_sided = terms[-1].effect, dict(terms[-1].params), terms[-1].one_sided
 
         def loss(name: str, value: float) -> float:
             trial = [*terms[:-1], replace(terms[-1], params=params | {name: value})]
@@ -113,7 +113,7 @@ class Sought:
             left = left + np.diag(1e-9 * np.maximum(np.diag(xx), 1e-300))
             free, sizes = np.ones(pull.size, np.bool_), np.sqrt(np.maximum(np.diag(left), 0.0))
             found = np.asarray(np.linalg.solve(left, pull), np.float64)
-            while (worst := most_negative(found * sizes, trial[-1].one_sided)) is not None:
+            while (worst := most_negative(found * sizes, one_sided)) is not None:
                 free[worst] = False
                 found = np.zeros(free.size)
                 found[free] = np.linalg.solve(left[np.ix_(free, free)], pull[free])

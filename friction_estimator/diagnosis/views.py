@@ -6,7 +6,7 @@ from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import BaseProblem, Capacity
 from friction_estimator.diagnosis.candidate import MEMORY_EVIDENCE, Candidate, Model
 from friction_estimator.diagnosis.candidates import Candidates
-from friction_estimator.diagnosis.causes import LATER_SHARE, LEAST_SHARE
+from friction_estimator.diagnosis.causes import FORMS_SHARE, LATER_SHARE, LEAST_SHARE
 from friction_estimator.diagnosis.floor import coarse_step, noise_floor
 from friction_estimator.diagnosis.library import build_library
 from friction_estimator.diagnosis.pressures import pressure_order, pressures_held
@@ -21,9 +21,6 @@ Catalogue = Mapping[str, type[Effect]]
 SECOND_LEFT = 0.2
 """Share of a model's error power that must be left above the noise floor before forms that screening does not see are
 looked at, too."""
-
-ALIKE_LEAST = 0.006
-"""The same for the alternatives of a named cause: a further cause brings as much (`guards.FORMS_SHARE`)."""
 
 FOLLOWERS = 2
 """Effects that are fitted beside a candidate."""
@@ -82,7 +79,7 @@ class Views:
         there = {t.name for t in model.joint.terms}
         families = {self.catalogue[name].family for name in there}
         alike = {name for name, cls in self.catalogue.items() if cls.family in families}
-        if alike == there or self.left_N2(model) < ALIKE_LEAST * float(model.loss.sum()):
+        if alike == there or self.left_N2(model) < FORMS_SHARE * float(model.loss.sum()):
             return alike
         return there | {name for name in alike if self.catalogue[name].delays}
 
