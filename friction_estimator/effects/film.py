@@ -202,7 +202,8 @@ class FrictionalLag(Effect):
         film = film_of(features, reference, params, state[:DELAY_LINE])
         moving = reference.moving(features.velocity_m_s)
         more = _more_on(film, moving, features.pressure_Pa, params.get("rest", 0.0), reference)
-        stands = reference.force(moving, features.pressure_Pa)
+        level = reference.level(features.velocity_m_s, features.pressure_Pa)
+        stands = level * reference.steady_sign(moving, features.pressure_Pa)
         return 1.0 + np.divide(more, stands, out=np.zeros(more.size), where=stands != 0.0)
 
     signs = (1,)
