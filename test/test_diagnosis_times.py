@@ -138,6 +138,21 @@ def test_a_filter_slower_than_what_is_scanned_is_begun_where_it_is() -> None:
     assert found == pytest.approx(true, rel=0.02)
 
 
+def test_a_time_far_shorter_than_screening_saw_it_is_found() -> None:
+    """Of a filter of a sixtieth of a sample the memory that the base had taken up made a fifth of one: the fit began
+    there, and ended at the end of its bracket, worse than without it.
+    """
+    step, true = 0.01, 1.5e-4
+
+    def fitted(time: float) -> SimpleNamespace:
+        return SimpleNamespace(cost=1.0 + abs(np.log(time / true)), late=0.0)
+
+    found = best_time(fitted, fitted(1e-3), lambda fit: fit.late, step, hint_s=7.7e-4)
+    assert found == pytest.approx(true, rel=0.4)
+    # Shorter than a hundredth of a sample none is told: there is nothing to look for.
+    assert best_time(lambda time: SimpleNamespace(cost=time, late=0.0), fitted(1e-3), lambda _: 0.0, step) >= 1e-4
+
+
 def test_a_lag_of_the_film_settles_in_a_few_rounds() -> None:
     """Beside the base, with coefficient one, it took tens of rounds: the column followed the gain of the last one."""
     samples = simulate(Scenario(SHORT, plant="film_lag", rate_hz=200.0, seed=7)).samples

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from friction_estimator.diagnosis.base_problem import Coefficients
+from friction_estimator.effects.grids import SHORTEST_TIME
 
 EVALUATIONS, TOLERANCE = 14, 1e-4
 """Most evaluations over a bracket, and the share of its logarithm at which they end."""
@@ -176,6 +177,11 @@ def best_time(
     # Beside whole samples more an FIR does as well: neighbours of the end of that walk.
     near = [value + share * step_s for share in NEIGHBOURS] if value > step_s else []
     tried |= {value: fitted(value) for value in near if value > 0.0}
+    # Nothing was tried below the shortest yet. Beside a wrong memory screening sees a short time as a longer one.
+    while tried[first := min(tried)].cost < min(fit.cost for time, fit in tried.items() if time != first):
+        if first < GRID * SHORTEST_TIME * step_s:
+            break
+        tried[first / GRID] = fitted(first / GRID)
     points = sorted(tried)
     best = min(points, key=lambda value: tried[value].cost)
     for low, high in _dips([(value, tried[value].cost) for value in points])[:DIPS]:
