@@ -1,7 +1,5 @@
 """The level of friction in steady sliding, behind one smooth sign or two."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -45,18 +43,6 @@ def test_the_share_of_the_level_that_the_curve_is_has_its_sign() -> None:
         forces = reference.force(way * SPEEDS, PRESSURES)
         np.testing.assert_allclose(share * reference.level(SPEEDS, PRESSURES), forces, rtol=1e-9)
     assert np.array_equal(made(0.5, None).steady_sign(SPEEDS, PRESSURES), np.tanh(SPEEDS / NARROW))
-
-
-def test_below_the_slowest_speed_that_tells_a_level_it_goes_on_straight() -> None:
-    """Whatever the curve is there: here its level falls to nothing towards rest, behind one sign that is too narrow."""
-    slowest, free = 2e-3, made(0.5, None)
-    held = replace(free, slowest_m_s=slowest)
-    told, faster = (float(free.level(np.array([v]), PRESSURES[:1])[0]) for v in (slowest, 3.0 * slowest))
-    line = told + (told - faster) * np.maximum(slowest - SPEEDS, 0.0) / (2.0 * slowest)
-    below = slowest > SPEEDS
-    np.testing.assert_allclose(held.level(SPEEDS, PRESSURES)[below], line[below], rtol=1e-12)
-    np.testing.assert_array_equal(held.level(SPEEDS, PRESSURES)[~below], free.level(SPEEDS, PRESSURES)[~below])
-    assert free.level(SPEEDS, PRESSURES)[0] < 0.8 * line[0]
 
 
 def test_nothing_is_divided_by_parts_that_cancel() -> None:

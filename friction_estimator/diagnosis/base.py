@@ -1,7 +1,7 @@
 """The fitted base model: its force, its tangent, its static curve, and the tables for dynamic regressors."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.tangent import Tangent
 from friction_estimator.effects.axis import VelocityAxis
 from friction_estimator.effects.extension import theory_parts, theory_sign
-from friction_estimator.effects.features import Context
 from friction_estimator.effects.reference import Reference
 
 
@@ -124,13 +123,13 @@ def fit_base(record: Record, config: Config, capacity: Capacity | None = None) -
     return BaseFit.of(problem, problem.fit())
 
 
-def reference_of(fit: BaseFit, record: Record, context: Context) -> Reference:
+def reference_of(fit: BaseFit, record: Record, sign_velocity_m_s: float) -> Reference:
     """Return the tables from which dynamic regressors are made."""
     gain = fit.theory_gain * (1.0 + float(fit.taps.sum()))
-    return _tabulated(fit.static_force, fit.theory, gain, record, fit.problem.axis, context, fit.taps)
+    return _tabulated(fit.static_force, fit.theory, gain, record, fit.problem.axis, sign_velocity_m_s, fit.taps)
 
 
-def theory_reference(problem: BaseProblem, context: Context) -> Reference:
+def theory_reference(problem: BaseProblem, sign_velocity_m_s: float) -> Reference:
     """Return the tables of the theory alone, of gain one and without a FIR behind them."""
     theory = problem.theory
     if theory is None:
@@ -139,7 +138,7 @@ def theory_reference(problem: BaseProblem, context: Context) -> Reference:
     def force(velocity_m_s: Floats, pressure_Pa: Floats, temperature_degC: float) -> Floats:
         return theory.evaluate(velocity_m_s, pressure_Pa, np.full(velocity_m_s.size, temperature_degC))
 
-    return _tabulated(force, theory, 1.0, problem.record, problem.axis, context)
+    return _tabulated(force, theory, 1.0, problem.record, problem.axis, sign_velocity_m_s)
 
 
 def _tabulated(
@@ -148,7 +147,7 @@ def _tabulated(
     gain: float,
     record: Record,
     axis: VelocityAxis,
-    context: Context,
+    sign_velocity_m_s: float,
     taps: Floats | None = None,
 ) -> Reference:
     """Tabulate a force and the parts of a theory of this gain at the record's pressures and mean temperature."""
@@ -157,6 +156,5 @@ def _tabulated(
     viscous, boundary, whole = theory_parts(theory, gain, warm)
     # A film is sought in all of the force where the theory does not say what of it is a film's.
     parts = (viscous, boundary, None if boundary is None else whole)
-    signs = context.sign_velocity_m_s, taps, theory_sign(theory)
-    made = Reference.tabulate(lambda v, p: force(v, p, warm), *parts, axis, nodes, *signs)
-    return replace(made, slowest_m_s=context.slowest_m_s)
+    signs = sign_velocity_m_s, taps, theory_sign(theory)
+    return Reference.tabulate(lambda v, p: force(v, p, warm), *parts, axis, nodes, *signs)

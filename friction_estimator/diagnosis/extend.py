@@ -1,7 +1,5 @@
 """The extended model: base and named terms as a configuration that every verb and the live node accept."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from friction_estimator.core.model.basis import basis_from_config
@@ -71,8 +69,7 @@ def extended_config(result: Diagnosis) -> Config:
         taps = (base.theory_gain * shape + own) / theory_scale(units, base.theory)
         learned["learned.theory_taps"] = tuple(taps.tolist())
     warm = units.updated(learned)
-    reference = replace(reference_from_config(warm), slowest_m_s=model.reference.slowest_m_s)
-    specs, weights = terms_of(model, reference)
+    specs, weights = terms_of(model, reference_from_config(warm))
     for finding in result.faults:
         params = EFFECTS[finding.name].repairing_term(finding)
         if params is not None:
@@ -92,11 +89,8 @@ def terms_of(model: Joint, reference: Reference) -> tuple[list[TermSpec], list[f
     weights: list[float] = []
     for term in model.terms:
         fitted, own = (_rms(term.effect.columns(term.params)(model.features, r)) for r in (model.reference, reference))
-        levelled = term.effect.carries(term.params) or term.effect.about_curve
-        slowest_m_s = reference.slowest_m_s if levelled else 0.0
-        within = measured(term.effect, model.features)
         for part, scale in enumerate(own.tolist()):
-            specs.append(TermSpec(term.effect, dict(term.params), part, scale, within, slowest_m_s))
+            specs.append(TermSpec(term.effect, dict(term.params), part, scale, measured(term.effect, model.features)))
             # What is of coefficient one is so of its own column. A wave has the phase of the recording that it was
             # measured in; elsewhere it is learned anew.
             size = scale if term.effect.fixed_gain else float(fitted[part])

@@ -26,7 +26,7 @@ from friction_estimator.effects.extension import theory_sign
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.moments import WITHIN, share_ago
 from friction_estimator.effects.on_film import on_film
-from friction_estimator.effects.reference import BEYOND, LOWEST, Reference, slower_than
+from friction_estimator.effects.reference import LOWEST, Reference
 from friction_estimator.effects.trace import STAGES
 
 MOST_KEPT = 32 << 20
@@ -216,7 +216,7 @@ class OwnColumns:
 
     @cached_property
     def _theory(self) -> Reference:
-        return theory_reference(self.problem, self._context)
+        return theory_reference(self.problem, self._context.sign_velocity_m_s)
 
     def changed_by(self, term: Term) -> bool:
         """Return whether a term changes the base's own columns; a film does so where there is a theory."""
@@ -276,29 +276,16 @@ class OwnColumns:
 
     def level_at_rest_N(self, found: Coefficients) -> float:
         """Return `Reference.at_rest_N` of the base's static curve, without its tables."""
-        tables, rest = self.problem.tables, np.zeros(1)
-        level = self._level_at(rest, tables.pressures_Pa.mean(keepdims=True))
+        tables, slow = self.problem.tables, np.array([LOWEST * self._context.sign_velocity_m_s])
+        level = self._over_signs(tables.at(slow, tables.pressures_Pa.mean(keepdims=True)), slow)
         return float(level[0] @ found.weights) * (1.0 + float(found.taps.sum()))
 
-    def _level_at(self, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
-        """Return the levels behind the base's own columns as `Reference.level` has their sum, (n, m)."""
-        slowest_m_s = self._context.slowest_m_s
-        moving = np.maximum(np.abs(velocity_m_s), max(slowest_m_s, LOWEST * self._context.sign_velocity_m_s))
-        level = self._level_moving(moving, pressure_Pa)
-        slower = slower_than(slowest_m_s, velocity_m_s)
-        below = np.flatnonzero(slower)
-        if below.size:
-            faster = np.full(below.size, BEYOND * slowest_m_s)
-            level[below] += slower[below, None] * (level[below] - self._level_moving(faster, pressure_Pa[below]))
-        return level
-
-    def _level_moving(self, speed_m_s: Floats, pressure_Pa: Floats) -> Floats:
-        """Return each of the base's own columns at some speeds, (n, m), over the smooth sign behind which it stands.
+    def _over_signs(self, columns: Floats, speed_m_s: Floats) -> Floats:
+        """Divide each of the base's own columns at some speeds, (n, m), by the smooth sign behind which it stands.
 
         The theory is the first of them, where there is one.
         """
         sign, lead = self._context.sign_velocity_m_s, int(self.problem.theory is not None)
-        columns = self.problem.tables.at(speed_m_s, pressure_Pa)
         columns[:, :lead] /= np.tanh(speed_m_s / (theory_sign(self.problem.theory) or sign))[:, None]
         columns[:, lead:] /= np.tanh(speed_m_s / sign)[:, None]
         return columns
@@ -310,20 +297,23 @@ class OwnColumns:
         the reference does.
         """
 
-        v, p = features.velocity_m_s, features.pressure_Pa
+        def at(part: slice, speed_m_s: Floats) -> Floats:
+            made = self.problem.tables.at(speed_m_s[part], features.pressure_Pa[part])
+            return self._over_signs(made, speed_m_s[part])
+
+        moving = reference.moving(features.velocity_m_s)
         if film is None:
-            yield from (self._level_at(v[part], p[part]) for part in parts(features.size))
+            yield from (at(part, moving) for part in parts(features.size))
             return
         changed = self.changed_by(film)
         wholly, of = (slice(1), self._theory) if changed else (slice(None), reference)
         factor = film.effect.level_on_film(film.params, features, of, np.zeros(FILM_STATE))
         splines = film.effect.film(film.params, features, of, np.zeros(FILM_STATE)) if changed else None
         for part in parts(features.size):
-            level = self._level_at(v[part], p[part])
+            level = at(part, moving)
             follows = level[:, wholly] * factor[part, None]
             if splines is not None:
-                there = self._level_moving(splines.speed_m_s[part], p[part])
-                level += splines.share * (there - self._level_moving(reference.moving(v[part]), p[part]))
+                level += splines.share * (at(part, splines.speed_m_s) - level)
             level[:, wholly] = follows
             yield level
 

@@ -20,7 +20,6 @@ from friction_estimator.effects.extension import sign_velocity
 from friction_estimator.effects.features import Context, FeatureMaker, Features, stroke_ends
 from friction_estimator.effects.grids import LONGEST_LENGTH
 from friction_estimator.effects.moments import features_at
-from friction_estimator.effects.reference import LOWEST
 
 FEWEST_SAMPLES = 400
 FEWEST_BLOCKS = 12
@@ -33,10 +32,6 @@ LEAST_RANGE = 0.05
 
 STEEPEST = 0.999
 """Quantile of the acceleration that counts as the largest: what turns the shaft within a gap."""
-
-FEW, SPARSE = 0.005, 1.5
-"""Share of the sliding samples, a few after each turn, where contacts still bend: they tell no level of friction where
-they are spread over this many times the speeds over which a sine's are."""
 
 MOST_FORGOTTEN = 0.5
 """Share of the way from one turn that nobody saw to the next one that is left out at the most."""
@@ -111,7 +106,6 @@ class Record:
         """Return the facts that grids depend on."""
         f = self.features
         inside = f.step_s[f.step_s > 0.0]
-        sign_m_s = sign_velocity(config, float(np.abs(f.velocity_m_s).max()))
         channels = [
             name
             for name, values in (
@@ -139,8 +133,7 @@ class Record:
             force_top_N=force_top_N,
             pressure_mean_Pa=float(f.pressure_Pa.mean()),
             pressure_span_Pa=float(np.ptp(f.pressure_Pa)),
-            sign_velocity_m_s=sign_m_s,
-            slowest_m_s=slowest_shown(f.velocity_m_s[self.used], LOWEST * sign_m_s),
+            sign_velocity_m_s=sign_velocity(config, float(np.abs(f.velocity_m_s).max())),
             pressure_levels=int(np.count_nonzero(np.histogram(f.pressure_Pa, 10)[0] > 0.02 * f.size)),
             periods_s=self.periods_s,
             channels=tuple(channels),
@@ -149,26 +142,6 @@ class Record:
             # At one pressure any curve of the speed may be the theory's part or the learned one's.
             theory_told=config.theory_kind == "seal" and spans_pressures(f.pressure_Pa, self.block),
         )
-
-
-def slowest_shown(velocity_m_s: Floats, least_m_s: float) -> float:
-    """Return the speed, m/s, below which a drive shows next to no sliding; 0 where it shows as much as sines do.
-
-    That is the quantile `FEW` of the speeds that are no less than the least one, where it lies `SPARSE` times as high
-    as in a sine of the same top speed: (pi / 2) `FEW` of that.
-
-    >>> t = np.linspace(0.0, 1.0, 2000, endpoint=False)
-    >>> slowest_shown(np.sin(2.0 * np.pi * t), 1e-4)
-    0.0
-    >>> slowest_shown(np.where(t < 0.5, 0.04, 1.0), 1e-4)
-    0.04
-    """
-    speed = np.abs(velocity_m_s)
-    speed = speed[speed >= least_m_s]
-    if not speed.size:
-        return 0.0
-    slowest = float(np.quantile(speed, FEW))
-    return slowest if slowest > SPARSE * 0.5 * np.pi * FEW * float(speed.max()) else 0.0
 
 
 def pressure_range(pressure_Pa: Floats) -> tuple[float, float]:

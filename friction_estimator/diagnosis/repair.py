@@ -179,7 +179,7 @@ def kinked(record: Record, force_slope: Floats, residual_N: Floats) -> Bools:
 
 def _slopes(fit: BaseFit, record: Record, context: Context) -> tuple[Floats, Floats]:
     """Return dF/dv, N s/m, and dF/dp, N/Pa, at the samples, (n,) each."""
-    reference = reference_of(fit, record, context)
+    reference = reference_of(fit, record, context.sign_velocity_m_s)
     v, p = record.features.velocity_m_s, record.features.pressure_Pa
     step = SLOPE_STEP * context.top_speed_m_s
     by_speed = (reference.force(v + step, p) - reference.force(v - step, p)) / (2.0 * step)

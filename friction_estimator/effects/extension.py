@@ -57,8 +57,7 @@ class ExtensionTerms:
             return FeatureMaker(*usual, reversal)
 
         self._make = make()
-        slowest_m_s = max((spec.slowest_m_s for spec in self._specs), default=0.0)
-        self._reference = replace(reference_from_config(config), slowest_m_s=slowest_m_s)
+        self._reference = reference_from_config(config)
         causes = self._causes(np.array(config.learned.extension_weights))
         time = next((c for c in causes if c.effect.delays), None)
         early = [c for c in causes if time is not None and c.stage < time.stage]

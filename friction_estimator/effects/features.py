@@ -25,7 +25,6 @@ class Context:
     force_top_N : largest force of the fitted base model, N.
     pressure_mean_Pa, pressure_span_Pa : mean and range of gauge pressure, Pa.
     sign_velocity_m_s : v_s of the smooth sign.
-    slowest_m_s : speed below which the record shows next to no sliding; 0 where it shows as much as sines do.
     pressure_levels : number of tenths of that range in which at least 2 % of the samples lie.
     periods_s : periods of the drive found, s.
     channels : recorded channels beyond velocity and friction.
@@ -55,7 +54,6 @@ class Context:
     held: tuple[tuple[int, int], ...] = ()
     theory_told: bool = True
     blurred_m: float = 0.0
-    slowest_m_s: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -202,8 +202,7 @@ class FrictionalLag(Effect):
         film = film_of(features, reference, params, state[:DELAY_LINE])
         moving = reference.moving(features.velocity_m_s)
         more = _more_on(film, moving, features.pressure_Pa, params.get("rest", 0.0), reference)
-        level = reference.level(features.velocity_m_s, features.pressure_Pa)
-        stands = level * reference.steady_sign(moving, features.pressure_Pa)
+        stands = reference.force(moving, features.pressure_Pa)
         return 1.0 + np.divide(more, stands, out=np.zeros(more.size), where=stands != 0.0)
 
     signs = (1,)

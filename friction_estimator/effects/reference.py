@@ -20,9 +20,6 @@ THEORY = (DRY, WET)
 LOWEST = 0.1
 """Share of the smooth sign's speed below which its ratio to the force is taken there."""
 
-BEYOND = 3.0
-"""Times the slowest speed that tells a level: where the straight line begins on which the level goes on below it."""
-
 Surface = Callable[[Floats, Floats], Floats]
 """(velocity m/s, gauge pressure Pa) -> friction N, elementwise."""
 
@@ -97,19 +94,6 @@ def _lookups(table, pressures, share, pressure, out):  # type: ignore[no-untyped
         out[k] = between(table, i, part, j, q)
 
 
-def slower_than(slowest_m_s: float, velocity_m_s: Floats) -> Floats:
-    """Return by how much speeds, (n,), lie below a slowest one, over twice that: over the way from it to `BEYOND`.
-
-    >>> slower_than(0.1, np.array([0.0, -0.05, 0.1, 2.0])).tolist()
-    [0.5, 0.25, 0.0, 0.0]
-    >>> slower_than(0.0, np.zeros(1)).tolist()
-    [0.0]
-    """
-    if slowest_m_s <= 0.0:
-        return np.zeros(velocity_m_s.size)
-    return np.maximum(1.0 - np.abs(velocity_m_s) / slowest_m_s, 0.0) / (BEYOND - 1.0)
-
-
 @dataclass(frozen=True)
 class Reference:
     """Static force of the fitted base model and its viscous and boundary parts, tabulated.
@@ -125,8 +109,6 @@ class Reference:
     taps : (order,), FIR of the base model behind the static force: [1, taps] over their sum gives gain one.
     theory_lags : (order,) or empty, lags c of the theory's part t beside it: sum_i c_i (t[k - i] - t[k]).
     theory_sign_m_s : v_s of the theory's own smooth sign, where that is known: what its part stands behind.
-    slowest_m_s : slowest speed at which a record tells the level of friction; 0 where it tells it down to `LOWEST` of
-        the smooth sign's.
     """
 
     tables: Floats
@@ -136,7 +118,6 @@ class Reference:
     taps: Floats = field(default_factory=lambda: np.zeros(0))
     theory_lags: Floats = field(default_factory=lambda: np.zeros(0))
     theory_sign_m_s: float | None = None
-    slowest_m_s: float = 0.0
     _last: LastFew = field(default_factory=LastFew, init=False, repr=False, compare=False)
 
     @classmethod
@@ -250,29 +231,20 @@ class Reference:
         """Return the level F / S of friction in steady sliding, (n,), N: what stands behind the smooth sign.
 
         The theory's share stands behind its own one, which may be wider than a slow drive's: over S it would fall
-        towards rest. Below the slowest speed that tells a level it goes on straight. Not to be written to.
+        towards rest. Not to be written to.
         """
         return self._last("level", (velocity_m_s, pressure_Pa), lambda: self._level(velocity_m_s, pressure_Pa))
 
     def moving(self, velocity_m_s: Floats) -> Floats:
-        """Return the speed, (n,), m/s, nowhere so low that neither the smooth sign nor the record tells a level."""
+        """Return the speed, (n,), m/s, nowhere so low that the smooth sign tells no level."""
         return np.maximum(np.abs(velocity_m_s), self._slowest_m_s)
 
     @property
     def _slowest_m_s(self) -> float:
-        return max(self.slowest_m_s, LOWEST * self.sign_velocity_m_s)
+        return LOWEST * self.sign_velocity_m_s
 
     def _level(self, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
-        level = self._level_moving(velocity_m_s, pressure_Pa)
-        slower = slower_than(self.slowest_m_s, velocity_m_s)
-        below = np.flatnonzero(slower)
-        if below.size:
-            faster = np.full(below.size, BEYOND * self.slowest_m_s)
-            level[below] += slower[below] * (level[below] - self._level_moving(faster, pressure_Pa[below]))
-        return level
-
-    def _level_moving(self, velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
-        share, moving = self.axis.shares_once(velocity_m_s, self._slowest_m_s), self.moving(velocity_m_s)
+        share, moving = self.axis.shares(velocity_m_s, self._slowest_m_s), self.moving(velocity_m_s)
         force = self._looked_up(FORCE, share, pressure_Pa)
         if self._one_sign:
             return np.asarray(force / self.smooth_sign(moving))

@@ -3,8 +3,7 @@
 A term is `NAME:key=value,...`: an effect's id, the parameters of its regressor, `part` (which of its columns, from 0)
 and `scale` (what the column is divided by, so that its coefficient is in N), and where the cause is a function of time,
 distance, position or pressure, `from` and `to`: what was measured of it; beyond, the term keeps its value at the end.
-Static shapes keep theirs beyond the reference's top speed. What is made of the level of friction has `slowest`, the
-speed below which no level was measured: there it is held.
+Static shapes keep theirs beyond the reference's top speed.
 """
 
 from dataclasses import dataclass, replace
@@ -19,7 +18,7 @@ from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import FeatureMaker, Features
 from friction_estimator.effects.reference import PARTS, Reference
 
-PART, SCALE, FROM, TO, SLOWEST = "part", "scale", "from", "to", "slowest"
+PART, SCALE, FROM, TO = "part", "scale", "from", "to"
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,6 @@ class TermSpec:
     ----------
     effect, params : which, and the parameters of its regressor. part : which of its columns. scale : of the column.
     measured : least and largest value of `held_variable` that it was fitted to; None: it is held nowhere.
-    slowest_m_s : speed below which the level of friction that it is made of was not measured.
     """
 
     effect: type[Effect]
@@ -38,7 +36,6 @@ class TermSpec:
     part: int = 0
     scale: float = 1.0
     measured: tuple[float, float] | None = None
-    slowest_m_s: float = 0.0
 
     @property
     def machine(self) -> tuple[object, ...]:
@@ -52,8 +49,6 @@ class TermSpec:
         keys += [f"{PART}={self.part}", f"{SCALE}={self.scale!r}"]
         if self.measured is not None:
             keys += [f"{FROM}={self.measured[0]!r}", f"{TO}={self.measured[1]!r}"]
-        if self.slowest_m_s > 0.0:
-            keys += [f"{SLOWEST}={self.slowest_m_s!r}"]
         return f"{self.effect.name}:{','.join(keys)}"
 
 
@@ -92,13 +87,10 @@ def parse_term(text: str) -> TermSpec:
         values[key.strip()] = number
     part, scale = values.pop(PART, 0.0), values.pop(SCALE, 1.0)
     low, high = values.pop(FROM, -np.inf), values.pop(TO, np.inf)
-    slowest = values.pop(SLOWEST, 0.0)
     if low > high:
         raise ConfigError(f"extension.terms: {text!r}: {FROM} is not above {TO}")
     if part < 0.0 or part != int(part) or scale == 0.0:
         raise ConfigError(f"extension.terms: {text!r}: part is a whole number from 0, scale is not 0")
-    if slowest < 0.0:
-        raise ConfigError(f"extension.terms: {text!r}: {SLOWEST} is below 0")
     for known in cls.keys:
         if values.get(known.name, known.low) < known.low:
             raise ConfigError(f"extension.terms: {text!r}: {known.name} is below {known.low:g}")
@@ -113,7 +105,7 @@ def parse_term(text: str) -> TermSpec:
         raise ConfigError(f"extension.terms: {text!r}: {cls.name} has {columns.size} columns, part counts from 0")
     if not finite:
         raise ConfigError(f"extension.terms: {text!r}: no column can be made with a length or a time of 0")
-    return TermSpec(cls, values, int(part), scale, (low, high) if np.isfinite([low, high]).any() else None, slowest)
+    return TermSpec(cls, values, int(part), scale, (low, high) if np.isfinite([low, high]).any() else None)
 
 
 def _finite(columns: Columns) -> bool:
