@@ -178,10 +178,12 @@ def best_time(
     near = [value + share * step_s for share in NEIGHBOURS] if value > step_s else []
     tried |= {value: fitted(value) for value in near if value > 0.0}
     # Nothing was tried below the shortest yet. Beside a wrong memory screening sees a short time as a longer one.
-    while tried[first := min(tried)].cost < min(fit.cost for time, fit in tried.items() if time != first):
-        if first < GRID * SHORTEST_TIME * step_s:
-            break
-        tried[first / GRID] = fitted(first / GRID)
+    first = min(tried)
+    while first >= GRID * SHORTEST_TIME * step_s and all(
+        tried[first].cost < fit.cost for time, fit in tried.items() if time != first
+    ):
+        first /= GRID
+        tried[first] = fitted(first)
     points = sorted(tried)
     best = min(points, key=lambda value: tried[value].cost)
     for low, high in _dips([(value, tried[value].cost) for value in points])[:DIPS]:
