@@ -152,53 +152,100 @@ def best_time(
         can show. hint_s : where it is, or where screening sees it, tried, too: so no search ends worse than it began,
         and where the force is ahead nothing gets better far below the true time.
     """
-    tried = {share * step_s: fitted(share * step_s) for share in SCANNED}
-    last = max(tried)
-    while ahead and LADDER * last < longest_s and all(tried[last].cost <= fit.cost for fit in tried.values()):
+    tried = _Tried(fitted)
+    for share in SCANNED:
+        tried(share * step_s)
+    last = tried.longest
+    while ahead and LADDER * last < longest_s and tried.is_best(last):
         last *= LADDER
-        tried[last] = fitted(last)
+        tried(last)
     if 0.0 < hint_s <= longest_s:
-        tried[hint_s] = fitted(hint_s)
-        if hint_s > last and tried[hint_s].cost <= min(fit.cost for fit in tried.values()):
-            nearer, _ = _between(fitted, hint_s / GRID, min(hint_s * GRID, longest_s))
-            tried[nearer] = fitted(nearer)
+        tried(hint_s)
+        if hint_s > last and tried.is_best(hint_s):
+            tried.between(hint_s / GRID, min(hint_s * GRID, longest_s))
     # What the base's memory has taken up belongs to the whole force's time: moved over until none is left. No memory
     # takes up a force that is ahead: it delays what too long a time has put too far ahead, and the wells are narrow.
     value, left, way, enough = 0.0, start, 1.0, MOVED
     if ahead:
-        value = min(tried, key=lambda time: tried[time].cost)
-        left, way, enough = tried[value], -1.0, MOVED_AHEAD
+        value = tried.best
+        left, way, enough = tried(value), -1.0, MOVED_AHEAD
     for _ in range(MEMORY_MOVES):
         more = way * mean_delay(left) * step_s
         if (abs(more) if ahead else more) <= enough * max(value, step_s) or value + more <= 0.0:
             break
         value += more
-        tried[value] = left = fitted(value)
+        left = tried(value)
     # Beside whole samples more an FIR does as well: neighbours of the end of that walk.
-    near = [value + share * step_s for share in NEIGHBOURS] if value > step_s else []
-    tried |= {value: fitted(value) for value in near if value > 0.0}
+    for near in (value + share * step_s for share in NEIGHBOURS):
+        if value > step_s and near > 0.0:
+            tried(near)
     # Nothing was tried below the shortest yet. Beside a wrong memory screening sees a short time as a longer one.
-    first = min(tried)
-    while first >= GRID * SHORTEST_TIME * step_s and all(
-        tried[first].cost < fit.cost for time, fit in tried.items() if time != first
-    ):
-        first /= GRID
-        tried[first] = fitted(first)
-    points = sorted(tried)
-    best = min(points, key=lambda value: tried[value].cost)
-    for low, high in _dips([(value, tried[value].cost) for value in points])[:DIPS]:
-        found, cost = _between(fitted, low, high)
-        if cost < tried[best].cost:
-            best, tried[found] = found, fitted(found)
-    here = tried[best]
-    while not ahead and mean_delay(here) > LEFT_OVER:
+    while tried.shortest >= GRID * SHORTEST_TIME * step_s and tried.is_best(tried.shortest):
+        tried(tried.shortest / GRID)
+    for low, high in _dips(tried.costs())[:DIPS]:
+        tried.between(low, high)
+    best = tried.best
+    while not ahead and mean_delay(tried(best)) > LEFT_OVER:
         # One sample more and one sample less of memory fit nearly as well: a comb of minima, one sample apart.
-        other, _ = _between(fitted, best + 0.75 * step_s, best + 1.25 * step_s)
-        there = fitted(other)
-        if there.cost >= here.cost:
+        other = tried.between(best + 0.75 * step_s, best + 1.25 * step_s)
+        if not tried.is_best(other):
             break
-        best, here = other, there
+        best = other
     return best
+
+
+class _Tried:
+    """The times of the whole force that were tried, and the fits there.
+
+    Parameters
+    ----------
+    fitted : the fit at a time.
+    """
+
+    def __init__(self, fitted: Callable[[float], Coefficients]) -> None:
+        self._fitted = fitted
+        self._fits: dict[float, Coefficients] = {}
+
+    def __call__(self, time_s: float) -> Coefficients:
+        """Return the fit at a time."""
+        if time_s not in self._fits:
+            self._fits[time_s] = self._fitted(time_s)
+        return self._fits[time_s]
+
+    def between(self, low_s: float, high_s: float) -> float:
+        """Try times between two others, and return the best of them, the only one that is kept."""
+        inside: dict[float, Coefficients] = {}
+
+        def cost(time_s: float) -> float:
+            inside[time_s] = self._fitted(time_s)
+            return inside[time_s].cost
+
+        best, _ = _bounded(cost, low_s, high_s, SCAN_EVALUATIONS, SCAN_TOLERANCE)
+        self._fits[best] = inside[best]
+        return best
+
+    def is_best(self, time_s: float) -> bool:
+        """Return whether no other time that was tried costs as little."""
+        return all(self._fits[time_s].cost < fit.cost for time, fit in self._fits.items() if time != time_s)
+
+    def costs(self) -> list[tuple[float, float]]:
+        """Return the times and what each costs, the shortest first."""
+        return [(time, self._fits[time].cost) for time in sorted(self._fits)]
+
+    @property
+    def best(self) -> float:
+        """The time of least cost."""
+        return min(self.costs(), key=lambda tried: tried[1])[0]
+
+    @property
+    def shortest(self) -> float:
+        """The shortest time."""
+        return min(self._fits)
+
+    @property
+    def longest(self) -> float:
+        """The longest time."""
+        return max(self._fits)
 
 
 def _dips(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -214,10 +261,6 @@ def _dips(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
         if here[1] <= min(before[1], after[1])
     ]
     return [(low, high) for _, low, high in sorted(dips)]
-
-
-def _between(fitted: Callable[[float], Coefficients], low: float, high: float) -> tuple[float, float]:
-    return _bounded(lambda value: fitted(value).cost, low, high, SCAN_EVALUATIONS, SCAN_TOLERANCE)
 
 
 def _bounded(cost: Cost, low: float, high: float, evaluations: int, tolerance: float) -> tuple[float, float]:

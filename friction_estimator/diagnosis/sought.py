@@ -72,10 +72,11 @@ class Sought:
             return params | {name: best_time(fitted, base, memory, step, ahead, longest, params[name])}
         low, high = effect.bracket(name, params[name], self._context)
         places = [{name: over_bends(lambda v: fitted(v).cost, low, high)}]
-        if effect.shares:
-            everything, width = dict.fromkeys(effect.shares, 1.0), high / low
-            values = [point[name] for point in effect.grid(self._context)]
-            places += [{name: v} | everything for v in values if not low / width <= v <= high * width]
+        if not effect.shares:
+            return params | places[0]
+        everything, width = dict.fromkeys(effect.shares, 1.0), high / low
+        values = [point[name] for point in effect.grid(self._context)]
+        places += [{name: v} | everything for v in values if not low / width <= v <= high * width]
         return params | min(places, key=lambda place: at(place).cost)
 
     def _searched(
