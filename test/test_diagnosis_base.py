@@ -9,9 +9,10 @@ from diagnosis_records import abba, names, record, set_of
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis import base_problem
 from friction_estimator.diagnosis.base import BaseFit, fit_base
-from friction_estimator.diagnosis.base_problem import ALARM, SPLINES, BaseProblem, Capacity, Coefficients
+from friction_estimator.diagnosis.base_problem import ALARM, BaseProblem, Capacity, Coefficients
 from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.diagnosis.lagged import LaggedProducts, lagged
+from friction_estimator.diagnosis.odd_curve import SPLINES
 from friction_estimator.diagnosis.record import build_record
 from friction_estimator.effects import EFFECTS
 

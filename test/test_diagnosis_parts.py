@@ -11,10 +11,11 @@ from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis import streams
 from friction_estimator.diagnosis.base import fit_base
-from friction_estimator.diagnosis.base_problem import ALARM, OddCurve
+from friction_estimator.diagnosis.base_problem import ALARM
 from friction_estimator.diagnosis.evidence import Evidence, Rule, folds_of, null_maximum
 from friction_estimator.diagnosis.excitation import speed_levels
-from friction_estimator.diagnosis.floor import noise_floor, noise_memory, pairs, variance_dependence
+from friction_estimator.diagnosis.floor import noise_floor, noise_memory, variance_dependence
+from friction_estimator.diagnosis.odd_curve import OddCurve
 from friction_estimator.diagnosis.products import inner
 from friction_estimator.diagnosis.record import Record, build_record, joined
 from friction_estimator.diagnosis.repair import view_of
@@ -69,7 +70,7 @@ def test_the_memory_of_the_noise_is_not_that_of_a_slow_error(rho: float) -> None
         noise[k] = rho * noise[k - 1] + shock
     slow = 2.0 * np.sin(record.features.time_s / 15.0)
     for left in (noise, noise + slow):
-        assert 0.8 < noise_memory(record, left, pairs(record)) * (1.0 - rho) / (1.0 + rho) < 2.0
+        assert 0.8 < noise_memory(record, left, record.pairs) * (1.0 - rho) / (1.0 + rho) < 2.0
 
 
 def test_signs_and_gain_limits_are_kept(noise: np.ndarray) -> None:

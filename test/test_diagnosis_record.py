@@ -10,7 +10,7 @@ from friction_estimator.core.intake.encoder import wraps_undone
 from friction_estimator.core.sample import NS_PER_S, Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.excitation import assess, notes
-from friction_estimator.diagnosis.floor import noise_floor, pairs
+from friction_estimator.diagnosis.floor import noise_floor
 from friction_estimator.diagnosis.record import blocks, build_record
 from friction_estimator.effects.features import FeatureMaker
 
@@ -114,7 +114,7 @@ def test_recordings_keep_their_origins_and_blocks():
     assert record.context(Config(), 1.0).stroke_m == pytest.approx(4.0 / np.pi, rel=0.01)
     for number in range(record.blocks):
         assert np.unique(record.recording[record.block == number]).size == 1
-    first, second = pairs(record)
+    first, second = record.pairs
     assert first.size > 1000
     np.testing.assert_array_equal(record.recording[first], record.recording[second])
 
@@ -289,7 +289,7 @@ def test_cycles_that_take_as_long_and_are_others_are_no_pairs():
     ripple = 0.2 * np.cos(2 * np.pi * x / 0.05)
     stamps = 1 + np.round(t * NS_PER_S).astype(np.int64)
     data = build_record([Samples(stamps, v, np.sign(v) + ripple, t == 0.0, position_m=x)], Config())
-    first, second = pairs(data)
+    first, second = data.pairs
     assert first.size > 0.4 * t.size
     again = np.abs(data.features.position_m[first] - data.features.position_m[second])
     assert float(np.median(again)) < 0.01

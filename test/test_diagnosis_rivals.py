@@ -9,11 +9,12 @@ from diagnosis_records import chosen
 
 from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
-from friction_estimator.diagnosis.base_problem import SPLINES, BaseProblem, Capacity
+from friction_estimator.diagnosis.base_problem import BaseProblem, Capacity
 from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.library import build_library, columns_of
+from friction_estimator.diagnosis.odd_curve import SPLINES
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import Record, build_record
 from friction_estimator.diagnosis.rivals import Alike, alike, closest

@@ -9,11 +9,12 @@ from own_peak import PEAK
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis import tangent as tangent_module
-from friction_estimator.diagnosis.base_problem import SPLINES, BaseProblem, Capacity
+from friction_estimator.diagnosis.base_problem import BaseProblem, Capacity
 from friction_estimator.diagnosis.evidence import Evidence, Rule
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.library import build_library, columns_of
+from friction_estimator.diagnosis.odd_curve import SPLINES
 from friction_estimator.diagnosis.record import Record, build_record
 from friction_estimator.diagnosis.screening import gate, screen, screening
 from friction_estimator.diagnosis.tangent import chosen_rows, normal_equations, piece_edges

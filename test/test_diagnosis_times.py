@@ -9,11 +9,12 @@ from diagnosis_records import abba, chosen, names
 from diagnosis_records import record as recording
 
 from friction_estimator.core.settings.config import Config
-from friction_estimator.diagnosis.base_problem import SPLINES, BaseProblem, Capacity
+from friction_estimator.diagnosis.base_problem import BaseProblem, Capacity
 from friction_estimator.diagnosis.candidate import Candidate
 from friction_estimator.diagnosis.candidates import Candidates
 from friction_estimator.diagnosis.diagnose import diagnose
 from friction_estimator.diagnosis.joint_fit import JointFit
+from friction_estimator.diagnosis.odd_curve import SPLINES
 from friction_estimator.diagnosis.own_columns import OwnColumns, Term, before
 from friction_estimator.diagnosis.record import build_record
 from friction_estimator.diagnosis.seek import best_time
@@ -45,6 +46,19 @@ def test_a_slow_column_is_moved_by_the_time() -> None:
     lagged = EFFECTS["sensor_lowpass"].smoother({"time_constant": late})([wave], f.step_s)
     expected = np.column_stack([np.sin(f.time_s - late), np.cos(f.time_s - late)])
     np.testing.assert_allclose(lagged[inside], expected[inside], atol=1e-4)
+
+
+@pytest.mark.parametrize("poles", [1.0, 2.0])
+def test_what_has_decayed_is_nothing_and_no_denormal_number(poles: float) -> None:
+    """Products of these are ten times slower, and a spline that is zero nearly everywhere would decay to them."""
+    pulse, step_s = np.zeros((4000, 1)), np.full(4000, 1e-3)
+    pulse[100:110] = 1.0
+    smooth = EFFECTS["sensor_lowpass"].smoother({"time_constant": 2e-3, "poles": poles})
+    decayed = np.abs(smooth([pulse], step_s)[110:, 0])
+    tiny = np.finfo(np.float64).tiny
+    assert not np.any((decayed > 0.0) & (decayed < tiny))
+    assert 0.0 < decayed[300] < 1e-60
+    assert decayed[-1] == 0.0
 
 
 def test_a_long_delay_beside_other_forms_is_more_than_they_although_its_own_force_is_not() -> None:

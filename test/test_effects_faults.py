@@ -8,9 +8,9 @@ from scipy.signal import savgol_filter
 
 from friction_estimator.core.sample import NS_PER_S, Samples
 from friction_estimator.core.settings.config import Config
-from friction_estimator.diagnosis.base_problem import SPLINES, BaseProblem, Capacity
-from friction_estimator.diagnosis.floor import pairs
+from friction_estimator.diagnosis.base_problem import BaseProblem, Capacity
 from friction_estimator.diagnosis.joint_fit import JointFit
+from friction_estimator.diagnosis.odd_curve import SPLINES
 from friction_estimator.diagnosis.record import build_record
 from friction_estimator.diagnosis.repair import repaired, view_of, with_repair
 from friction_estimator.effects import EFFECTS, parse_effect
@@ -49,7 +49,7 @@ def scatter(samples: Samples) -> Fault | None:
     record = build_record([samples], SEAL)
     context = record.context(SEAL, float(np.abs(record.friction_N).max()))
     left = JointFit(BaseProblem(record, SEAL, Capacity(SPLINES, SEAL.fir.order)), context)().residual_N
-    return EFFECTS["stick_slip"].detect(replace(view_of(record, context, []), residual_N=left, pairs=pairs(record)))
+    return EFFECTS["stick_slip"].detect(replace(view_of(record, context, []), residual_N=left, pairs=record.pairs))
 
 
 HIDDEN = [
@@ -365,7 +365,7 @@ def test_an_error_after_reversals_that_repeats_for_the_most_part_is_no_stick_sli
 
     def burst(repeats: float) -> Fault | None:
         left = noise + (repeats + 0.4 * varies) * decays
-        return EFFECTS["stick_slip"].detect(replace(seen, residual_N=left, pairs=pairs(record)))
+        return EFFECTS["stick_slip"].detect(replace(seen, residual_N=left, pairs=record.pairs))
 
     assert burst(0.0) is not None
     assert burst(1.0) is None

@@ -1,6 +1,5 @@
 """The fitted base model: its force, its tangent, its static curve, and the tables for dynamic regressors."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,17 +7,10 @@ import numpy as np
 from friction_estimator.core.model.theory import TheoryCurve
 from friction_estimator.core.sample import Floats
 from friction_estimator.core.settings.config import Config
-from friction_estimator.diagnosis.base_problem import (
-    BaseProblem,
-    Capacity,
-    Coefficients,
-    OddCurve,
-    pressure_nodes,
-)
+from friction_estimator.diagnosis.base_problem import BaseProblem, Capacity, Coefficients
+from friction_estimator.diagnosis.odd_curve import OddCurve
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.tangent import Tangent
-from friction_estimator.effects.axis import VelocityAxis
-from friction_estimator.effects.extension import theory_parts, theory_sign
 from friction_estimator.effects.reference import Reference
 
 
@@ -108,14 +100,6 @@ class BaseFit:
         lead = 1.0 - share * float(self.own_lags.sum())
         return np.asarray(taps / lead if abs(lead) > 0.2 else self.taps)
 
-    def static_force(self, velocity_m_s: Floats, pressure_Pa: Floats, temperature_degC: float) -> Floats:
-        """Return the static force times the FIR's gain, (n,), N."""
-        force = self.curve(velocity_m_s) @ self.weights
-        if self.theory is not None:
-            warm = np.full(velocity_m_s.size, temperature_degC)
-            force = force + self.theory_gain * self.theory.evaluate(velocity_m_s, pressure_Pa, warm)
-        return np.asarray(force * (1.0 + self.taps.sum()))
-
 
 def fit_base(record: Record, config: Config, capacity: Capacity | None = None) -> BaseFit:
     """Fit the base model alone to a record; `capacity` defaults to `SPLINES` and `fir.order`."""
@@ -123,38 +107,14 @@ def fit_base(record: Record, config: Config, capacity: Capacity | None = None) -
     return BaseFit.of(problem, problem.fit())
 
 
-def reference_of(fit: BaseFit, record: Record, sign_velocity_m_s: float) -> Reference:
+def reference_of(fit: BaseFit, sign_velocity_m_s: float) -> Reference:
     """Return the tables from which dynamic regressors are made."""
-    gain = fit.theory_gain * (1.0 + float(fit.taps.sum()))
-    return _tabulated(fit.static_force, fit.theory, gain, record, fit.problem.axis, sign_velocity_m_s, fit.taps)
+    lead = 1.0 + float(fit.taps.sum())
+    return fit.problem.grid.reference(fit.weights, fit.theory_gain, lead, sign_velocity_m_s, fit.taps)
 
 
 def theory_reference(problem: BaseProblem, sign_velocity_m_s: float) -> Reference:
     """Return the tables of the theory alone, of gain one and without a FIR behind them."""
-    theory = problem.theory
-    if theory is None:
+    if problem.theory is None:
         raise ValueError("the base has no theory")
-
-    def force(velocity_m_s: Floats, pressure_Pa: Floats, temperature_degC: float) -> Floats:
-        return theory.evaluate(velocity_m_s, pressure_Pa, np.full(velocity_m_s.size, temperature_degC))
-
-    return _tabulated(force, theory, 1.0, problem.record, problem.axis, sign_velocity_m_s)
-
-
-def _tabulated(
-    force: Callable[[Floats, Floats, float], Floats],
-    theory: TheoryCurve | None,
-    gain: float,
-    record: Record,
-    axis: VelocityAxis,
-    sign_velocity_m_s: float,
-    taps: Floats | None = None,
-) -> Reference:
-    """Tabulate a force and the parts of a theory of this gain at the record's pressures and mean temperature."""
-    warm = float(record.features.temperature_degC.mean())
-    nodes = pressure_nodes(record.features.pressure_Pa)
-    viscous, boundary, whole = theory_parts(theory, gain, warm)
-    # A film is sought in all of the force where the theory does not say what of it is a film's.
-    parts = (viscous, boundary, None if boundary is None else whole)
-    signs = sign_velocity_m_s, taps, theory_sign(theory)
-    return Reference.tabulate(lambda v, p: force(v, p, warm), *parts, axis, nodes, *signs)
+    return problem.grid.reference(None, 1.0, 1.0, sign_velocity_m_s, None)

@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import BSpline
 from scipy.linalg.lapack import dposv
 
 from friction_estimator.core.fit.posterior import COLOUR
@@ -26,14 +25,11 @@ from friction_estimator.core.model.theory import theory_from_config
 from friction_estimator.core.sample import Bools, Floats
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.lagged import Extra, LaggedProducts, total
+from friction_estimator.diagnosis.odd_curve import SPLINES, OddCurve
 from friction_estimator.diagnosis.record import Record
-from friction_estimator.diagnosis.tangent import pieces
+from friction_estimator.diagnosis.static_grid import StaticGrid
 from friction_estimator.effects.axis import VelocityAxis
 from friction_estimator.effects.whole import StaticTables
-
-SPLINES = 12
-BEND = 60.0
-"""Knots are asinh-spaced in velocity: v_max / BEND is where the spacing begins to grow."""
 
 TAP_DEVIATION, TAP_DECAY = 0.15, 0.4
 """Of the TC kernel of the taps h_1, h_2, ...: a memory of the rig of a sample or two is usual, a longer one is news."""
@@ -60,32 +56,6 @@ ALARM = 0.05
 """Share of the error power that the tangent may promise beyond the fit before the fit is called unfinished."""
 
 PRESSURE_NODES = 5
-
-
-class OddCurve:
-    """Odd cubic splines of velocity, finest near standstill.
-
-    >>> curve = OddCurve(0.1, 12)
-    >>> v = np.linspace(-0.1, 0.1, 11)
-    >>> bool(np.allclose(curve(v), -curve(-v)))
-    True
-    """
-
-    def __init__(self, top_m_s: float, count: int = SPLINES) -> None:
-        self.top = top_m_s
-        self.bend = top_m_s / BEND
-        self.count = count
-        inside = np.linspace(-1.0, 1.0, 2 * count - 1)
-        self._knots = np.concatenate([[-1.0] * 3, inside, [1.0] * 3])
-
-    def __call__(self, velocity_m_s: Floats) -> Floats:
-        """Return (n, count)."""
-        place = np.arcsinh(np.clip(velocity_m_s, -self.top, self.top) / self.bend) / np.arcsinh(BEND)
-        out = np.empty((place.size, self.count))
-        for part in pieces(place.size):
-            full = BSpline.design_matrix(np.clip(place[part], -1.0, 1.0), self._knots, 3).toarray()
-            out[part] = (full - full[:, ::-1])[:, full.shape[1] - self.count :]
-        return out
 
 
 @dataclass(frozen=True)
@@ -148,6 +118,8 @@ class BaseProblem:
         self.theory = theory_from_config(config)
         self.curve = OddCurve(float(np.abs(f.velocity_m_s).max()), capacity.splines)
         self.axis = VelocityAxis(self.curve.top)
+        nodes, warm = pressure_nodes(f.pressure_Pa), float(f.temperature_degC.mean())
+        self.grid = StaticGrid(self.curve, self.theory, self.axis, nodes, warm)
         static = self.columns(f.velocity_m_s, f.pressure_Pa, f.temperature_degC)
         used = record.used
         self.products = LaggedProducts(static, capacity.order, record.friction_N, used, record.restart, record.block)
@@ -275,7 +247,7 @@ class _Normal:
         width = 0 if extra is None else extra.xx.shape[1]
         self.gram = np.empty((size + width, size + width))
         self.right = np.empty(size + width)
-        self.gram[:size, :size] = total(products.gram, rows)
+        self.gram[:size, :size] = products.whole_gram if rows is None else total(products.gram, rows)
         self.right[:size] = total(products.cross, rows)
         self.power = float(total(products.power, rows))
         self.count = max(float(total(products.count, rows)), 1.0)

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from friction_estimator.core.sample import Floats
-from friction_estimator.diagnosis.base_problem import OWN_LAGS, Capacity, OddCurve, tap_covariance
+from friction_estimator.diagnosis.base_problem import OWN_LAGS, Capacity, tap_covariance
 from friction_estimator.diagnosis.evidence import Evidence, Rule
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.lack_of_fit import Wider
 from friction_estimator.diagnosis.lagged import filtered, lagged
+from friction_estimator.diagnosis.odd_curve import OddCurve
 
 FINER = 24
 LONGER = 16

@@ -58,7 +58,7 @@ class Evaluation:
             self._tables = None  # and with them what was made of their features: both at once are not needed
             coefficients, terms = source
             fit = BaseFit.of(self.base(terms), coefficients)
-            reference = reference_of(fit, self._record, self._context.sign_velocity_m_s)
+            reference = reference_of(fit, self._context.sign_velocity_m_s)
             features = with_running_force(self._record.features, reference)
             self.columns.settle(fit.fitted_N, terms, reference, features)
             self._tables = source, (reference, features)

@@ -8,8 +8,8 @@ from friction_estimator.core.sample import Floats
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import chosen
 from friction_estimator.diagnosis.base import BaseFit
-from friction_estimator.diagnosis.base_problem import BEND
 from friction_estimator.diagnosis.joint import Joint
+from friction_estimator.diagnosis.odd_curve import BEND
 from friction_estimator.diagnosis.result import Diagnosis
 from friction_estimator.effects.base import EFFECTS, Effect
 from friction_estimator.effects.extension import reference_from_config

@@ -40,13 +40,8 @@ def force(static: Floats, start: Ints, weights: Floats, taps: Floats, own: Float
     static : S, (n, m). start : of each sample's gap-free piece, (n,). weights : w, (m,). taps : h_1 ..., (p,).
     own : c_1 ..., (p,) or empty: lags of the first column alone.
     """
-    through = static @ weights
-    out = through.copy()
-    for i, tap in enumerate(taps, 1):
-        out += tap * lagged(through, i, start)
-    first = np.ascontiguousarray(static[:, 0])
-    for i, lag in enumerate(own, 1):
-        out += lag * (lagged(first, i, start) - first)
+    out = np.empty(start.size)
+    _remembered(static @ weights, np.ascontiguousarray(static[:, 0]), start, taps, own, out)
     return out
 
 
@@ -176,14 +171,10 @@ class LaggedProducts:
         # No lag reaches farther back than the order: the force of other samples is not needed.
         reach = slice(max(0, begin - self.order), end)
         force, first = self.static[reach] @ weights, np.ascontiguousarray(self.static[reach, 0])
-        index, start = np.arange(begin, end), self.start[begin:end]
         out = np.zeros((end - begin, m + taps.size + own))
         filtered(self.static, self.start, begin, np.concatenate([[1.0], taps]), out)
-        for i in range(1, taps.size + 1):
-            back, now = np.maximum(index - i, start) - reach.start, index - reach.start
-            out[:, m + i - 1] = force[back] - force[now]
-            if own:
-                out[:, m + taps.size + i - 1] = first[back] - first[now]
+        ago(force, self.start, reach.start, begin, out[:, m : m + taps.size])
+        ago(first, self.start, reach.start, begin, out[:, m + taps.size :])
         return out
 
 
@@ -264,6 +255,26 @@ def stacked(static, start, begin, used, out):  # type: ignore[no-untyped-def] # 
                 back = max(begin + k - i, start[begin + k])
                 for j in range(width):
                     out[k, i * width + j] = static[back, j]
+
+
+@njit(cache=True)
+def ago(values, start, begin, first, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Write values[k - i - 1] - values[k] to out[k - first, i], held as in `filtered`; `values` are from `begin` on."""
+    for k in range(first, first + out.shape[0]):
+        for i in range(out.shape[1]):
+            out[k - first, i] = values[max(k - i - 1, start[k]) - begin] - values[k - begin]
+
+
+@njit(cache=True)
+def _remembered(through, first, start, taps, own, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
+    """Fill `out`, (n,), with `force` of static forces and first columns, (n,) each."""
+    for k in range(out.size):
+        total = through[k]
+        for i in range(taps.size):
+            total += taps[i] * through[max(k - i - 1, start[k])]
+        for i in range(own.size):
+            total += own[i] * (first[max(k - i - 1, start[k])] - first[k])
+        out[k] = total
 
 
 @njit(cache=True)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from friction_estimator.core.quantities import FORCE
 from friction_estimator.core.sample import NS_PER_S, Bools, Floats, Ints, Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import MARGIN, robust_top
+from friction_estimator.diagnosis.pairs import paired
 from friction_estimator.effects.extension import sign_velocity
 from friction_estimator.effects.features import Context, FeatureMaker, Features, stroke_ends
 from friction_estimator.effects.grids import LONGEST_LENGTH
@@ -83,6 +85,11 @@ class Record:
     def blocks(self) -> int:
         """Number of blocks."""
         return int(self.block[-1]) + 1
+
+    @cached_property
+    def pairs(self) -> tuple[Ints, Ints]:
+        """Pairs of samples that a deterministic system would make equal, (m,), (m,): see `paired`."""
+        return paired(self)
 
     def with_force(self, friction_N: Floats, used: Bools) -> "Record":
         """Return the record with a repaired force."""

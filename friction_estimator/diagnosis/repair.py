@@ -11,7 +11,6 @@ from friction_estimator.core.intake.kinks import about, bends
 from friction_estimator.core.sample import Bools, Floats, Ints
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base import BaseFit, fit_base, reference_of
-from friction_estimator.diagnosis.floor import pairs
 from friction_estimator.diagnosis.joint import Joint, is_constant
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.effects.base import EFFECTS, Effect
@@ -52,7 +51,7 @@ def repaired(
             if cls.detects_at != stage:
                 continue
             if fit is None and stage != "motion":
-                fit, paired = fit_base(record, config), pairs(record)
+                fit, paired = fit_base(record, config), record.pairs
             fault = cls.detect(replace(view_of(record, context, found, fit, config), pairs=paired))
             if fault is None:
                 continue
@@ -79,7 +78,7 @@ def scattered(view: DataView, catalogue: Catalogue = EFFECTS) -> list[Fault]:
 
 def left_by(record: Record, context: Context, final: Joint, found: Sequence[Fault]) -> DataView:
     """Return what a detector sees of what the last model leaves, and of which samples should be equal."""
-    return replace(view_of(record, context, found), residual_N=final.residual_N, pairs=pairs(record))
+    return replace(view_of(record, context, found), residual_N=final.residual_N, pairs=record.pairs)
 
 
 def confirmed(
@@ -179,7 +178,7 @@ def kinked(record: Record, force_slope: Floats, residual_N: Floats) -> Bools:
 
 def _slopes(fit: BaseFit, record: Record, context: Context) -> tuple[Floats, Floats]:
     """Return dF/dv, N s/m, and dF/dp, N/Pa, at the samples, (n,) each."""
-    reference = reference_of(fit, record, context.sign_velocity_m_s)
+    reference = reference_of(fit, context.sign_velocity_m_s)
     v, p = record.features.velocity_m_s, record.features.pressure_Pa
     step = SLOPE_STEP * context.top_speed_m_s
     by_speed = (reference.force(v + step, p) - reference.force(v - step, p)) / (2.0 * step)

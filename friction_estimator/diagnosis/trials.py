@@ -167,7 +167,7 @@ class Trials:
             problem = BaseProblem(record, config, model.base.problem.capacity)
             fit = BaseFit.of(problem, problem.fit())
             context = record.context(config, float(np.abs(fit.fitted_N).max()))
-            reference = reference_of(fit, record, context.sign_velocity_m_s)
+            reference = reference_of(fit, context.sign_velocity_m_s)
             features = with_running_force(record.features, reference)
             evidence = Evidence(fit.tangent, fit.penalty, fit.residual_N, record.used, record.block, self._seed)
             yield _Made(drive, features, reference, context, evidence)

@@ -23,6 +23,9 @@ LOWEST = 0.1
 Surface = Callable[[Floats, Floats], Floats]
 """(velocity m/s, gauge pressure Pa) -> friction N, elementwise."""
 
+Tabled = tuple[Floats, Floats | None, Floats | None, Floats | None]
+"""Force, viscous and boundary part and theory's share; those that are not known are None."""
+
 
 MOST_STEPS = 64
 """Parts into which a step between samples is divided at most; velocity is taken as linear between samples."""
@@ -94,6 +97,12 @@ def _lookups(table, pressures, share, pressure, out):  # type: ignore[no-untyped
         out[k] = between(table, i, part, j, q)
 
 
+def table(surface: Surface, axis: VelocityAxis, pressures_Pa: Floats) -> Floats:
+    """Return a surface at `VELOCITIES` of the axis and at some pressures, (n_pressures, VELOCITIES)."""
+    velocity = axis.velocities(VELOCITIES)
+    return np.array([surface(velocity, np.full(velocity.size, p)) for p in pressures_Pa])
+
+
 @dataclass(frozen=True)
 class Reference:
     """Static force of the fitted base model and its viscous and boundary parts, tabulated.
@@ -139,30 +148,39 @@ class Reference:
         no such parts they are taken as the viscous v and the Coulomb tanh(v / v_s), both scaled to the force, its own
         one to the theory. Without a theory all of the force stands for it.
         """
-        top_m_s, velocity = axis.top_m_s, axis.velocities(VELOCITIES)
 
-        def at_top(surface: Surface) -> float:
-            return float(surface(np.array([top_m_s]), pressures_Pa[:1])[0])
+        def tabled(surface: Surface | None) -> Floats | None:
+            return None if surface is None else table(surface, axis, pressures_Pa)
 
-        def coulomb(scale: float, width_m_s: float) -> Surface:
-            return lambda v, p: np.asarray(scale * np.tanh(v / width_m_s) + 0.0 * p)
+        parts = table(force, axis, pressures_Pa), tabled(viscous), tabled(boundary), tabled(theory)
+        return cls.of(parts, axis, pressures_Pa, sign_velocity_m_s, taps, theory_sign_m_s)
+
+    @classmethod
+    def of(
+        cls,
+        parts: Tabled,
+        axis: VelocityAxis,
+        pressures_Pa: Floats,
+        sign_velocity_m_s: float,
+        taps: Floats | None = None,
+        theory_sign_m_s: float | None = None,
+    ) -> "Reference":
+        """Return what `tabulate` does, of the `parts` that it makes of its surfaces, (n_pressures, VELOCITIES) each."""
+        force, viscous, boundary, theory = parts
+        velocity = axis.velocities(VELOCITIES)
+
+        def coulomb(scale: float, width_m_s: float) -> Floats:
+            return np.broadcast_to(scale * np.tanh(velocity / width_m_s), force.shape)
 
         if viscous is not None and boundary is not None:
             dry = boundary
         else:
-            scale = abs(at_top(force)) or 1.0
+            scale = abs(float(force[0, -1])) or 1.0
             boundary = coulomb(scale, sign_velocity_m_s)
-            dry = boundary if theory is None else coulomb(at_top(theory), theory_sign_m_s or sign_velocity_m_s)
-
-            def viscous(v: Floats, p: Floats) -> Floats:
-                return scale * v / top_m_s + 0.0 * p
-
-        tables = np.array(
-            [
-                [surface(velocity, np.full(velocity.size, p)) for p in pressures_Pa]
-                for surface in (force, viscous, boundary, dry, theory or force)
-            ]
-        )
+            own = theory_sign_m_s or sign_velocity_m_s
+            dry = boundary if theory is None else coulomb(float(theory[0, -1]), own)
+            viscous = np.broadcast_to(scale * velocity / axis.top_m_s, force.shape)
+        tables = np.array([force, viscous, boundary, dry, force if theory is None else theory])
         tables[WET] -= tables[DRY]
         return cls(
             tables,
