@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from friction_estimator.core.sample import Ints
 from friction_estimator.effects.compose import rms
@@ -114,6 +113,8 @@ def _period_pairs(record: Record) -> tuple[Ints, Ints]:
 
 
 def _neighbours(record: Record) -> tuple[Ints, Ints]:
+    from scipy.spatial import cKDTree  # noqa: PLC0415 - slow to import, and `info` needs records without their pairs
+
     f = record.features
     place = [f.velocity_m_s, f.acceleration_m_s2, f.position_m, f.pressure_Pa, np.sign(f.velocity_m_s)]
     # Positions of recordings with origins of their own are not comparable: neighbours are of one recording.
