@@ -320,7 +320,8 @@ class Candidates:
         for i, term in enumerate(model.joint.terms):
             if term.effect.delays:
                 continue
-            for form in (*term.effect.variants(term.params), *term.effect.wells(term.params)):
+            effect, params = term.effect, term.params
+            for form in (*effect.variants(params), *effect.plainer(params), *effect.wells(params)):
                 if form == term.params:
                     continue
                 terms = [*model.joint.terms]

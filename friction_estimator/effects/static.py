@@ -86,6 +86,11 @@ class DirectionAsymmetry(Effect):
         return [dict(params) | {"shape": FREE}, dict(params) | {"shape": TWICE}]
 
     @classmethod
+    def plainer(cls, params: Params) -> list[dict[str, float]]:
+        """One share at all speeds, or one that grows with the speed."""
+        return chosen([0.0, 1.0], "shape") if is_free(params) else []
+
+    @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:  # noqa: ARG003
         """Relative difference of the friction at the rms speed of a sine."""
         shape = np.array([1.0, 2.0**-0.25])[: len(weights)]
