@@ -20,7 +20,7 @@ from friction_estimator.effects.catalogue import equation
 from friction_estimator.effects.columns import RunningForce
 from friction_estimator.effects.compose import FINE, relative_change
 from friction_estimator.effects.features import Context, FeatureMaker, Features
-from friction_estimator.effects.reference import Reference
+from friction_estimator.effects.reference import Reference, tabled
 
 RATE_HZ, EVERY = 2000.0, 10
 
@@ -120,7 +120,8 @@ def reference() -> Reference:
         return 3.0 * np.exp(-np.abs(v) / 0.03) * np.tanh(v / 2e-3) * (1.0 + 5e-7 * p)
 
     pressures = np.array([3.4e5, 1.4e6])
-    return Reference.tabulate(force, viscous, boundary, force, VelocityAxis(0.13), pressures, 2e-3)
+    axis = VelocityAxis(0.13)
+    return Reference.of(tabled((force, viscous, boundary, force), axis, pressures), axis, pressures, 2e-3)
 
 
 @pytest.fixture(scope="module")

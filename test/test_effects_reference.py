@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from friction_estimator.effects.axis import VelocityAxis
-from friction_estimator.effects.reference import THEORY, Reference
+from friction_estimator.effects.reference import THEORY, Reference, tabled
 
 NARROW, WIDE = 1e-3, 2e-3
 SPEEDS = np.geomspace(1e-4, 0.02, 40)
@@ -23,7 +23,9 @@ def made(rest_N: float, theory_sign: float | None = WIDE) -> Reference:
         return theory(v, p) + rest_N * np.tanh(v / NARROW)
 
     pressures = np.array([3e5, 1e6])
-    return Reference.tabulate(force, None, None, theory, axis, pressures, NARROW, None, theory_sign)
+    return Reference.of(
+        tabled((force, None, None, theory), axis, pressures), axis, pressures, NARROW, None, theory_sign
+    )
 
 
 @pytest.mark.parametrize("rest_N", [0.5, -0.5])

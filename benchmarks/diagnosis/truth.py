@@ -16,7 +16,7 @@ from friction_estimator.effects import EFFECTS, Effect, Trace
 from friction_estimator.effects.axis import VelocityAxis
 from friction_estimator.effects.extension import theory_parts
 from friction_estimator.effects.features import Context, FeatureMaker, Features
-from friction_estimator.effects.reference import Reference
+from friction_estimator.effects.reference import Reference, tabled
 from friction_estimator.rig.plant import CLEAN_TAPS
 
 PHYSICAL = {
@@ -215,7 +215,8 @@ def _reference(made: Made, features: Features, gain: float, context: Context, pl
 
     axis = VelocityAxis(context.top_speed_m_s)
     signs = context.sign_velocity_m_s, made.config.seal.sign_velocity
-    return Reference.tabulate(static, viscous, boundary, theory, axis, nodes, signs[0], taps, signs[1])
+    tables = tabled((static, viscous, boundary, theory), axis, nodes)
+    return Reference.of(tables, axis, nodes, signs[0], taps, signs[1])
 
 
 def _static(made: Made, velocity, pressure, temperature: float):

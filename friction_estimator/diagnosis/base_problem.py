@@ -147,10 +147,12 @@ class BaseProblem:
     @cached_property
     def tables(self) -> StaticTables:
         """The columns over velocity and pressure, at the mean temperature."""
-        f = self.record.features
-        warm = float(f.temperature_degC.mean())
-        nodes = pressure_nodes(f.pressure_Pa)
-        return StaticTables.of(lambda v, p: self.columns(v, p, np.full(v.size, warm)), self.axis, nodes)
+        grid = self.grid
+
+        def columns(velocity_m_s: Floats, pressure_Pa: Floats) -> Floats:
+            return self.columns(velocity_m_s, pressure_Pa, np.full(velocity_m_s.size, grid.temperature_degC))
+
+        return StaticTables.of(columns, self.axis, grid.pressures_Pa)
 
     def theory_alone(self, beside: Coefficients) -> Coefficients:
         """Return the coefficients of the theory as it is, in place of others; these where there is no theory."""

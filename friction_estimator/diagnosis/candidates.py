@@ -318,18 +318,18 @@ class Candidates:
         loss = float(model.loss.sum())
         best: tuple[float, int, Model] | None = None
         for i, term in enumerate(model.joint.terms):
-            if term.effect.delays:
-                continue
             effect, params = term.effect, term.params
+            if effect.delays:
+                continue
             for form in (*effect.variants(params), *effect.plainer(params), *effect.wells(params)):
-                if form == term.params:
+                if form == params:
                     continue
                 terms = [*model.joint.terms]
-                terms[i] = Term(term.effect, dict(form))
+                terms[i] = Term(effect, dict(form))
                 joint = self._fit(terms, model.joint, search=False)
                 new = joint.terms[i]
                 part_N = joint.parts_N[i]
-                belied = term.effect.belied(new.params, part_N, joint.features, joint.reference, self.context)
+                belied = effect.belied(new.params, part_N, joint.features, joint.reference, self.context)
                 if belied or not signs_kept(joint) or new.beyond(self.context):
                     continue
                 other = self._judged(joint)

@@ -155,7 +155,7 @@ def best_time(
     tried = _Tried(fitted)
     for share in SCANNED:
         tried(share * step_s)
-    last = tried.longest
+    last = max(SCANNED) * step_s
     while ahead and LADDER * last < longest_s and tried.is_best(last):
         last *= LADDER
         tried(last)
@@ -176,9 +176,9 @@ def best_time(
         value += more
         left = tried(value)
     # Beside whole samples more an FIR does as well: neighbours of the end of that walk.
-    for near in (value + share * step_s for share in NEIGHBOURS):
-        if value > step_s and near > 0.0:
-            tried(near)
+    if value > step_s:  # and so is each of them above zero
+        for share in NEIGHBOURS:
+            tried(value + share * step_s)
     # Nothing was tried below the shortest yet. Beside a wrong memory screening sees a short time as a longer one.
     while tried.shortest >= GRID * SHORTEST_TIME * step_s and tried.is_best(tried.shortest):
         tried(tried.shortest / GRID)
@@ -241,11 +241,6 @@ class _Tried:
     def shortest(self) -> float:
         """The shortest time."""
         return min(self._fits)
-
-    @property
-    def longest(self) -> float:
-        """The longest time."""
-        return max(self._fits)
 
 
 def _dips(points: list[tuple[float, float]]) -> list[tuple[float, float]]:

@@ -71,13 +71,13 @@ class Sought:
             memory, step = self._base.problem.mean_delay, self._context.step_s
             return params | {name: best_time(fitted, base, memory, step, ahead, longest, params[name])}
         low, high = effect.bracket(name, params[name], self._context)
-        places = [{name: over_bends(lambda v: fitted(v).cost, low, high)}]
+        best = {name: over_bends(lambda v: fitted(v).cost, low, high)}
         if not effect.shares:
-            return params | places[0]
+            return params | best
         everything, width = dict.fromkeys(effect.shares, 1.0), high / low
         values = [point[name] for point in effect.grid(self._context)]
-        places += [{name: v} | everything for v in values if not low / width <= v <= high * width]
-        return params | min(places, key=lambda place: at(place).cost)
+        far = [{name: v} | everything for v in values if not low / width <= v <= high * width]
+        return params | min([best, *far], key=lambda place: at(place).cost)
 
     def _searched(
         self, terms: Sequence[Term], base: Coefficients, reference: Reference, features: Features

@@ -17,8 +17,11 @@ class StaticGrid:
 
     Parameters
     ----------
-    curve : the splines. theory : the theoretical curve, or None. axis : of the velocities. pressures_Pa : (nodes,).
-    temperature_degC : of the oil.
+    curve : the splines. theory : the theoretical curve, or None. axis : of the velocities.
+
+    Attributes
+    ----------
+    pressures_Pa : (nodes,), gauge. temperature_degC : of the oil.
     """
 
     def __init__(
@@ -30,7 +33,7 @@ class StaticGrid:
         temperature_degC: float,
     ) -> None:
         self._curve, self._theory, self._axis = curve, theory, axis
-        self._pressures_Pa, self._temperature_degC = pressures_Pa, temperature_degC
+        self.pressures_Pa, self.temperature_degC = pressures_Pa, temperature_degC
 
     @cached_property
     def _splines(self) -> Floats:
@@ -40,8 +43,8 @@ class StaticGrid:
     @cached_property
     def _parts(self) -> tuple[Floats | None, ...]:
         """The theory's viscous derivative, its boundary part and all of it, (nodes, VELOCITIES) each where known."""
-        surfaces = theory_parts(self._theory, 1.0, self._temperature_degC)
-        return tuple(None if one is None else table(one, self._axis, self._pressures_Pa) for one in surfaces)
+        surfaces = theory_parts(self._theory, 1.0, self.temperature_degC)
+        return tuple(None if one is None else table(one, self._axis, self.pressures_Pa) for one in surfaces)
 
     def reference(
         self, weights: Floats | None, theory_gain: float, lead: float, sign_velocity_m_s: float, taps: Floats | None
@@ -53,7 +56,7 @@ class StaticGrid:
         weights : of the splines, (count,), or None without them. lead : gain of the FIR behind the static force, whose
             `taps` these are; None without one.
         """
-        shape = self._pressures_Pa.size, VELOCITIES
+        shape = self.pressures_Pa.size, VELOCITIES
         curve = np.zeros(VELOCITIES) if weights is None else self._splines @ weights
         force = np.broadcast_to(curve, shape)
         viscous, boundary, whole = self._parts
@@ -67,4 +70,4 @@ class StaticGrid:
 
         parts = scaled(viscous), scaled(boundary), scaled(theory)
         signs = sign_velocity_m_s, taps, theory_sign(self._theory)
-        return Reference.of((force * lead, *parts), self._axis, self._pressures_Pa, *signs)
+        return Reference.of((force * lead, *parts), self._axis, self.pressures_Pa, *signs)

@@ -21,7 +21,7 @@ from friction_estimator.core.settings.config import Config
 from friction_estimator.core.settings.units import NO_VELOCITY
 from friction_estimator.effects.axis import VelocityAxis
 from friction_estimator.effects.features import FeatureMaker
-from friction_estimator.effects.reference import Reference, Surface
+from friction_estimator.effects.reference import Reference, Surface, tabled
 from friction_estimator.effects.term import parse_term
 from friction_estimator.effects.together import AtTime, Cause, Together
 
@@ -178,8 +178,9 @@ def reference_from_config(config: Config) -> Reference:
         pressures = np.unique(np.append(pressures, np.linspace(0.0, 2e6, PRESSURE_NODES)))
     lead = float(taps[0]) if abs(taps[0]) > 0.1 * float(np.abs(taps).sum()) else 0.0
     shape = taps[1:] / lead if lead else np.zeros(0)
-    parts, own_sign = (viscous, boundary, alone), theory_sign(theory)
-    made = Reference.tabulate(force, *parts, VelocityAxis(top), pressures, smooth, shape, own_sign)
+    axis = VelocityAxis(top)
+    tables = tabled((force, viscous, boundary, alone), axis, pressures)
+    made = Reference.of(tables, axis, pressures, smooth, shape, theory_sign(theory))
     own = np.array(learned.theory_taps)
     if theory is None or own.size != taps.size or not lead or not own.sum():
         return made

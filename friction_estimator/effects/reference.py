@@ -23,8 +23,9 @@ LOWEST = 0.1
 Surface = Callable[[Floats, Floats], Floats]
 """(velocity m/s, gauge pressure Pa) -> friction N, elementwise."""
 
+Surfaces = tuple[Surface, Surface | None, Surface | None, Surface | None]
 Tabled = tuple[Floats, Floats | None, Floats | None, Floats | None]
-"""Force, viscous and boundary part and theory's share; those that are not known are None."""
+"""Force, viscous and boundary part and theory's share, and their tables; those that are not known are None."""
 
 
 MOST_STEPS = 64
@@ -103,6 +104,13 @@ def table(surface: Surface, axis: VelocityAxis, pressures_Pa: Floats) -> Floats:
     return np.array([surface(velocity, np.full(velocity.size, p)) for p in pressures_Pa])
 
 
+def tabled(surfaces: Surfaces, axis: VelocityAxis, pressures_Pa: Floats) -> Tabled:
+    """Return the `table` of a force and of those of its parts that are known."""
+    force, *parts = surfaces
+    viscous, boundary, theory = (None if one is None else table(one, axis, pressures_Pa) for one in parts)
+    return table(force, axis, pressures_Pa), viscous, boundary, theory
+
+
 @dataclass(frozen=True)
 class Reference:
     """Static force of the fitted base model and its viscous and boundary parts, tabulated.
@@ -130,32 +138,6 @@ class Reference:
     _last: LastFew = field(default_factory=LastFew, init=False, repr=False, compare=False)
 
     @classmethod
-    def tabulate(
-        cls,
-        force: Surface,
-        viscous: Surface | None,
-        boundary: Surface | None,
-        theory: Surface | None,
-        axis: VelocityAxis,
-        pressures_Pa: Floats,
-        sign_velocity_m_s: float,
-        taps: Floats | None = None,
-        theory_sign_m_s: float | None = None,
-    ) -> "Reference":
-        """Tabulate the surfaces over `VELOCITIES` of the axis.
-
-        `taps` are those of the base model's FIR, `theory_sign_m_s` is v_s of the theory's own sign. Where a theory has
-        no such parts they are taken as the viscous v and the Coulomb tanh(v / v_s), both scaled to the force, its own
-        one to the theory. Without a theory all of the force stands for it.
-        """
-
-        def tabled(surface: Surface | None) -> Floats | None:
-            return None if surface is None else table(surface, axis, pressures_Pa)
-
-        parts = table(force, axis, pressures_Pa), tabled(viscous), tabled(boundary), tabled(theory)
-        return cls.of(parts, axis, pressures_Pa, sign_velocity_m_s, taps, theory_sign_m_s)
-
-    @classmethod
     def of(
         cls,
         parts: Tabled,
@@ -165,7 +147,12 @@ class Reference:
         taps: Floats | None = None,
         theory_sign_m_s: float | None = None,
     ) -> "Reference":
-        """Return what `tabulate` does, of the `parts` that it makes of its surfaces, (n_pressures, VELOCITIES) each."""
+        """Return the tables of a force and its parts, (n_pressures, VELOCITIES) each: see `tabled`.
+
+        `taps` are those of the base model's FIR, `theory_sign_m_s` is v_s of the theory's own sign. Where a theory has
+        no such parts they are taken as the viscous v and the Coulomb tanh(v / v_s), both scaled to the force, its own
+        one to the theory. Without a theory all of the force stands for it.
+        """
         force, viscous, boundary, theory = parts
         velocity = axis.velocities(VELOCITIES)
 
