@@ -1,10 +1,16 @@
 """The level of friction in steady sliding, behind one smooth sign or two."""
 
+from dataclasses import fields, replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from friction_estimator.effects import EFFECTS
 from friction_estimator.effects.axis import VelocityAxis
+from friction_estimator.effects.features import Features
 from friction_estimator.effects.reference import THEORY, Reference, tabled
+from friction_estimator.effects.shapes import SHAPES, TWICE, weights_at
 
 NARROW, WIDE = 1e-3, 2e-3
 SPEEDS = np.geomspace(1e-4, 0.02, 40)
@@ -67,3 +73,37 @@ def test_what_stands_for_a_theorys_boundary_part_stands_behind_its_sign() -> Non
     """A lagging film takes it at another speed, over that sign: Coulomb friction is the same there."""
     dry = made(0.5).part(THEORY[0], SPEEDS, PRESSURES) / np.tanh(SPEEDS / WIDE)
     np.testing.assert_allclose(dry, dry[-1], rtol=3e-3)
+
+
+@pytest.mark.parametrize("turned", [-1.0, 0.0, 2.0])
+def test_directions_unlike_in_two_ways_are_told_as_the_share_of_the_friction_that_they_are(turned: float) -> None:
+    """What changes with the pressure and what does not are badly told apart; their sum is not."""
+    reference, asymmetry = made(0.5), EFFECTS["direction_asymmetry"]
+    context = SimpleNamespace(pressure_mean_Pa=4e5)
+    speed, pressure = np.array([reference.top_m_s / np.sqrt(2.0)]), np.array([4e5])
+    level = float(reference.force(speed, pressure)[0])
+    # The same even part of the force by either kind of column, or by much of one less much of the other.
+    weights = np.concatenate([np.full(SHAPES - 1, 0.3 - turned), np.full(SHAPES - 1, turned * level / reference.top_N)])
+    params = {"shape": TWICE}
+    told = asymmetry.told(params, weights, context, reference)["asymmetry"][0]
+    ways, nothing = np.array([1.0, -1.0]), Features(*(np.zeros(2) for _ in fields(Features)))
+    features = replace(nothing, velocity_m_s=ways * speed, pressure_Pa=np.repeat(pressure, 2), force_N=ways * level)
+    columns = asymmetry.columns(params)(features, reference)
+    even_N = (columns @ weights).sum()
+    assert told == pytest.approx(0.3, rel=1e-3)
+    assert even_N / level == pytest.approx(told, rel=1e-3)
+
+
+def test_splines_make_parabolas_in_their_place_and_no_more_than_what_they_are_made_of() -> None:
+    """Their knots are evenly spaced: a sum of them with the mean places as weights is the place itself."""
+    place = np.linspace(0.0, 1.0, 301)
+    splines = weights_at(place)
+    assert splines.min() >= 0.0
+    np.testing.assert_allclose(splines.sum(axis=1), 1.0, rtol=1e-12)
+    for power in (1, 2):
+        weights, *_ = np.linalg.lstsq(splines, place**power, rcond=None)
+        np.testing.assert_allclose(splines @ weights, place**power, atol=1e-12)
+    step = splines @ (np.arange(SHAPES) >= SHAPES // 2)
+    assert np.all(np.diff(step) >= -1e-12)
+    assert np.isnan(weights_at(np.array([np.nan]))).all()
+    np.testing.assert_array_equal(weights_at(np.array([-0.1, 1.7])), weights_at(np.array([0.0, 1.0])))

@@ -20,6 +20,9 @@ THEORY = (DRY, WET)
 LOWEST = 0.1
 """Share of the smooth sign's speed below which its ratio to the force is taken there."""
 
+LEAST_FORCE = 1e-3
+"""Of the friction at top speed: what that at another speed is taken as at the least where it is divided by."""
+
 Surface = Callable[[Floats, Floats], Floats]
 """(velocity m/s, gauge pressure Pa) -> friction N, elementwise."""
 
