@@ -12,8 +12,8 @@ from friction_estimator.effects.base import SLOW, Effect, Key, Params, Stated, W
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import STRAIGHT, chosen
-from friction_estimator.effects.reference import BOUNDARY, FORCE, LEAST_FORCE, THEORY, VISCOUS, Reference
-from friction_estimator.effects.shapes import FREE, LOW_SPEED, SHAPES, is_free, place_of, splines, weights_at
+from friction_estimator.effects.reference import BOUNDARY, FORCE, LEAST_FORCE, VISCOUS, Reference
+from friction_estimator.effects.shapes import FREE, HATS, LOW_SPEED, hats, is_free, place_of, weights_at
 from friction_estimator.effects.trace import Trace
 
 GROWS = 0.5
@@ -124,18 +124,18 @@ class _SlowGain(Effect):
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
-        """Return the theory's part times 1 - exp(-x / constant); in the free shape F times splines of the speed so."""
+        """Return the theory's part times 1 - exp(-x / constant); in the free shape F times hats of the speed so."""
         free = is_free(params)
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
             done = cls.way * cls._done(params, f)
             if free:
                 return np.asarray(
-                    done[:, None] * r.force(f.velocity_m_s, f.pressure_Pa)[:, None] * splines(f.velocity_m_s, r)
+                    done[:, None] * r.force(f.velocity_m_s, f.pressure_Pa)[:, None] * hats(f.velocity_m_s, r)
                 )
             return np.asarray(done * r.part(cls.own, f.velocity_m_s, f.pressure_Pa))
 
-        return Columns(compute, SHAPES if free else 1, filtered=True)
+        return Columns(compute, HATS if free else 1, filtered=True)
 
     @classmethod
     def told(cls, params: Params, weights: Floats, context: Context, reference: Reference) -> Stated:
@@ -145,23 +145,20 @@ class _SlowGain(Effect):
         speed = np.array([cls.told_at * context.top_speed_m_s])
         part, whole = reference.once(speed, np.array([context.pressure_mean_Pa]), cls.own, FORCE)
         share = float(part[0] / max(abs(whole[0]), LEAST_FORCE * reference.top_N))
-        return cls.physical(dict(params) | {"shape": FREE}, np.full(SHAPES, share * weights[0]), context)
+        return cls.physical(dict(params) | {"shape": FREE}, np.full(HATS, share * weights[0]), context)
 
     @classmethod
     def belied(cls, params: Params, part_N: Floats, f: Features, r: Reference, context: Context) -> bool:
         """A free shape that is nearer to a change of the theory's other part is that of another cause.
 
-        By how much the theory's own shape is unlike the friction's its parts are, too, or more: what is nearer by less
-        says nothing. At one pressure nothing tells which part of the friction is which; but no level grows with the
-        speed.
+        At one pressure nothing tells which part of the friction is which; but no level grows with the speed.
         """
         if not is_free(params):
             return False
         v, done = f.velocity_m_s, cls._done(params, f)
         if context.theory_told:
-            theory = np.sum([r.part(part, v, f.pressure_Pa) for part in THEORY], axis=0)
-            own, other = (_angle(part_N, done * r.part(part, v, f.pressure_Pa)) for part in (cls.own, cls.other))
-            return own - other > _angle(r.force(v, f.pressure_Pa), theory)
+            own, other = (_unlike(part_N, done * r.part(part, v, f.pressure_Pa)) for part in (cls.own, cls.other))
+            return other < own
         return cls.own == BOUNDARY and _unlike(part_N, done * v) < GROWS * _unlike(part_N, done * np.sign(v))
 
     @classmethod
@@ -289,11 +286,6 @@ def _unlike(part_N: Floats, force: Floats) -> float:
     """
     along = float(part_N @ force) ** 2 / max(float(force @ force) * float(part_N @ part_N), 1e-300)
     return max(1.0 - along, 0.0)
-
-
-def _angle(part_N: Floats, force: Floats) -> float:
-    """Return the angle between a change (n,) and a force (n,), of either sign, rad."""
-    return float(np.arcsin(np.sqrt(_unlike(part_N, force))))
 
 
 def _settled(ratio: Floats, form: float) -> Floats:

@@ -1,9 +1,6 @@
-"""Free shapes over speed, for causes whose dependence on speed no formula tells: quadratic B-splines of |v|.
+"""Free shapes over speed, for causes whose dependence on speed no formula tells: hat functions of |v|.
 
-B_j(|v|),  j = 0 ... SHAPES - 1,  sum_j B_j = 1,  knots evenly spaced in asinh(|v| / bend)
-
-B_0 alone is not zero at standstill, the last one alone not at the top speed. What a sum of them makes lies between its
-coefficients, so a step is not overshot.
+hat_j(|v|),  j = 0 ... HATS - 1,  sum_j hat_j = 1,  nodes evenly spaced in asinh(|v| / bend)
 """
 
 from collections.abc import Mapping
@@ -11,17 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from friction_estimator.compiled import njit
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.axis import BEND, REACH
 from friction_estimator.effects.features import Features
 from friction_estimator.effects.reference import Reference
 
-SHAPES = 6
-"""Splines from standstill to the top speed, narrowest at low speed."""
-
-INTERVALS = SHAPES - 2
-KNOTS = np.concatenate([[0.0, 0.0], np.arange(INTERVALS + 1.0) / INTERVALS, [1.0, 1.0]])
+HATS = 6
+"""Nodes from standstill to the top speed, closest at low speed."""
 
 FREE = 2.0
 """Value of a regressor's key `shape` that asks for the free shape."""
@@ -40,43 +33,20 @@ def is_free(params: Mapping[str, float]) -> bool:
     return params.get("shape", 0.0) >= FREE
 
 
-def splines(velocity_m_s: Floats, reference: Reference) -> Floats:
-    """Return the splines of the speed, (n, SHAPES)."""
+def hats(velocity_m_s: Floats, reference: Reference) -> Floats:
+    """Return the hat functions of the speed, (n, HATS)."""
     place = np.arcsinh(np.abs(velocity_m_s) / reference.bend_m_s) / REACH
     return weights_at(place)
 
 
 def weights_at(place: Floats) -> Floats:
-    """Return the splines at places from 0 (standstill) to 1 (top speed), (n, SHAPES).
+    """Return the hat functions at places from 0 (standstill) to 1 (top speed), (n, HATS).
 
-    >>> weights_at(np.array([0.0, 0.125, 1.0])).tolist()
-    [[1.0, 0.0, 0.0, 0.0, 0.0, 0.0], [0.25, 0.625, 0.125, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]]
+    >>> weights_at(np.array([0.0, 0.5])).sum(axis=1).tolist()
+    [1.0, 1.0]
     """
-    out = np.zeros((place.size, SHAPES))
-    _fill(place, KNOTS, out)
-    return out
-
-
-@njit(cache=True)
-def _fill(place, knots, out):  # type: ignore[no-untyped-def] # pragma: no cover - compiled
-    """Write the three splines that are not zero at each place: Cox and de Boor, Piegl and Tiller's algorithm A2.2.
-
-    SciPy's `BSpline.design_matrix` has the same bits, and takes 50 us for the one sample that a live node has.
-    """
-    for k in range(place.size):
-        if np.isnan(place[k]):
-            out[k] = np.nan
-            continue
-        x = min(max(place[k], 0.0), 1.0)
-        first = min(int(x * (out.shape[1] - 2)), out.shape[1] - 3)
-        i = first + 2  # knots[i] <= x <= knots[i + 1]
-        here = 1.0 / (knots[i + 1] - knots[i])
-        low, high = (knots[i + 1] - x) * here, (x - knots[i]) * here
-        low /= knots[i + 1] - knots[i - 1]
-        high /= knots[i + 2] - knots[i]
-        out[k, first] = (knots[i + 1] - x) * low
-        out[k, first + 1] = (x - knots[i - 1]) * low + (knots[i + 2] - x) * high
-        out[k, first + 2] = (x - knots[i]) * high
+    nodes = np.arange(HATS)
+    return np.asarray(np.maximum(0.0, 1.0 - np.abs(np.clip(place, 0.0, 1.0)[:, None] * (HATS - 1) - nodes)))
 
 
 def place_of(share: float) -> Floats:
