@@ -12,7 +12,7 @@ from friction_estimator.effects.base import SLOW, Effect, Key, Params, Stated, W
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import STRAIGHT, chosen
-from friction_estimator.effects.reference import BOUNDARY, FORCE, LEAST_FORCE, VISCOUS, Reference
+from friction_estimator.effects.reference import BOUNDARY, VISCOUS, Reference
 from friction_estimator.effects.shapes import FREE, HATS, LOW_SPEED, hats, is_free, place_of, weights_at
 from friction_estimator.effects.trace import Trace
 
@@ -142,9 +142,9 @@ class _SlowGain(Effect):
         """At one pressure any share of the friction may be the theory's: told is a change of the friction."""
         if is_free(params) or context.theory_told:
             return cls.physical(params, weights, context)
-        speed = np.array([cls.told_at * context.top_speed_m_s])
-        part, whole = reference.once(speed, np.array([context.pressure_mean_Pa]), cls.own, FORCE)
-        share = float(part[0] / max(abs(whole[0]), LEAST_FORCE * reference.top_N))
+        speed, pressure = cls.told_at * context.top_speed_m_s, context.pressure_mean_Pa
+        (part,) = reference.once(np.array([speed]), np.array([pressure]), cls.own)
+        share = float(part[0]) / reference.size_N(speed, pressure)
         return cls.physical(dict(params) | {"shape": FREE}, np.full(HATS, share * weights[0]), context)
 
     @classmethod

@@ -187,6 +187,11 @@ class Reference:
         middle = np.array([float(np.mean(self.pressures_Pa))])
         return abs(float(self.force(np.array([self.top_m_s]), middle)[0])) or 1.0
 
+    def size_N(self, speed_m_s: float, pressure_Pa: float) -> float:
+        """Return |F| at one point, N, to divide by: `LEAST_FORCE` of `top_N` where it is less."""
+        (force,) = self.once(np.array([speed_m_s]), np.array([pressure_Pa]), FORCE)
+        return max(abs(float(force[0])), LEAST_FORCE * self.top_N)
+
     @property
     def at_rest_N(self) -> float:
         """Level of friction in steady sliding at low speed and medium pressure, N."""

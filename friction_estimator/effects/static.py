@@ -10,7 +10,7 @@ from friction_estimator.effects.base import Effect, Key, Params, Stated, Words, 
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import chosen
-from friction_estimator.effects.reference import FORCE, LEAST_FORCE, Reference
+from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.shapes import FREE, HATS, LOW_SPEED, TWICE, hats, is_free, place_of, weights_at
 from friction_estimator.effects.trace import Trace
 
@@ -105,9 +105,7 @@ class DirectionAsymmetry(Effect):
     def told(cls, params: Params, weights: Floats, context: Context, reference: Reference) -> Stated:
         """What does not change with the pressure is a share of the friction at the mean pressure."""
         if params["shape"] >= TWICE:
-            speed, pressure = np.array([RMS_SPEED * reference.top_m_s]), np.array([context.pressure_mean_Pa])
-            force = abs(float(reference.once(speed, pressure, FORCE)[0][0]))
-            share = reference.top_N / max(force, LEAST_FORCE * reference.top_N)
+            share = reference.top_N / reference.size_N(RMS_SPEED * reference.top_m_s, context.pressure_mean_Pa)
             weights = weights * np.repeat([1.0, share], HATS - 1)
         return cls.physical(params, weights, context)
 
