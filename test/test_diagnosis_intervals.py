@@ -21,7 +21,7 @@ from friction_estimator.diagnosis.record import Record, build_record
 from friction_estimator.diagnosis.search import Searcher
 from friction_estimator.effects import EFFECTS
 from friction_estimator.effects.features import Context
-from friction_estimator.effects.shapes import FREE, HATS
+from friction_estimator.effects.shapes import FREE, SHAPES
 from friction_estimator.rig.drive import segment
 
 SEAL = Config.from_mapping({"theory.kind": "seal"})
@@ -161,7 +161,7 @@ def test_other_fits_of_a_cause_count_also_where_the_one_before_it_was_dropped() 
 
 def test_what_the_friction_loses_is_not_what_the_viscosity_does() -> None:
     """In the free shape nothing says how much of the friction is viscous."""
-    drift, weights = EFFECTS["viscosity_drift"], np.full(HATS, 0.1)
+    drift, weights = EFFECTS["viscosity_drift"], np.full(SHAPES, 0.1)
     context = None
     usual = drift.physical({"time_constant": 9.0}, weights[:1], context)
     free = drift.physical({"time_constant": 9.0, "shape": FREE}, weights, context)

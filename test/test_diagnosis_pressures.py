@@ -231,3 +231,26 @@ def test_at_one_pressure_the_forces_own_size_does_not_tell_wear_from_warming(
     assert (told.name, told.rivals) == (name, rivals)
     assert told.parameters[size].low < true < told.parameters[size].high
     assert told.parameters[size].value == pytest.approx(true, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("plant", "hidden"),
+    [
+        ("stribeck", "pressure_dependence:size=0.1,form=1"),
+        ("rig", "sensor_lowpass:time_constant=0.02"),
+    ],
+)
+def test_a_free_shape_says_no_more_than_the_friction_at_speeds_that_the_drive_does_not_hold(plant, hidden) -> None:
+    """Speed steps go through the lowest twentieth of the speeds in 24 of 9600 samples (decision 0239)."""
+    steps = tuple(segment(8.0, psi, 24.0, "speed_steps") for psi in (70.0, 180.0))
+    some = chosen("direction_asymmetry", "pressure_dependence", "frictional_lag", "sensor_lowpass")
+    found = diagnose([record([hidden], plant=plant, segments=steps, seed=427)], Config(), catalogue=some)
+    number, term = next((i, t) for i, t in enumerate(found.models[-1].terms) if t.name == "pressure_dependence")
+    told = next(one for one in found.effects if one.term == number).parameters["boundary"]
+    assert np.isfinite([told.low, told.high]).all()
+    model = found.models[-1]
+    speeds, high = np.linspace(0.01, 1.0, 100) * model.reference.top_m_s, float(model.features.pressure_Pa.max())
+    there = model.features[slice(speeds.size)]
+    there = replace(there, velocity_m_s=speeds, pressure_Pa=np.full(speeds.size, high))
+    friction = model.reference.force(speeds, there.pressure_Pa)
+    assert np.all(np.abs(term.columns(there, model.reference) @ term.weights) < np.abs(friction))

@@ -15,6 +15,7 @@ from friction_estimator.diagnosis.gaining import gaining
 from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import build_record
+from friction_estimator.diagnosis.result import Diagnosis, Found
 from friction_estimator.diagnosis.search import Searcher, _Found
 from friction_estimator.diagnosis.time_alone import FEWEST, TimeAlone, _alike
 from friction_estimator.effects import EFFECTS, parse_effect
@@ -148,14 +149,44 @@ def test_bristles_that_never_slip_are_no_presliding() -> None:
         assert (bristles.spans(params, some, context) is not None) == refused
 
 
+def slow_on_rig(hidden: str, seed: int) -> tuple[Diagnosis, list[Found]]:
+    """Return what is told of a slow change on the rig, and what of it is none of the rig's own traits."""
+    traits = ("direction_asymmetry", "pressure_dependence", "frictional_lag")
+    samples = record([hidden], plant="rig", segments=abba()[:4], seed=seed)
+    found = diagnose([samples], Config(), catalogue=chosen(*traits, "wear", "viscosity_drift"))
+    return found, [one for one in found.effects if one.name not in traits]
+
+
 def test_a_likeness_is_a_rival_where_more_is_left_than_the_two_differ_by() -> None:
     """The rig is rougher than the theory: wear there has the shape that the theory's viscous part has (0190)."""
-    traits = ("direction_asymmetry", "pressure_dependence", "frictional_lag")
-    some = chosen(*traits, "wear", "viscosity_drift")
-    samples = record(["wear:size=0.08,length=0.5,form=1"], plant="rig", segments=abba()[:4])
-    slow = [one for one in diagnose([samples], Config(), catalogue=some).effects if one.name not in traits]
+    _, slow = slow_on_rig("wear:size=0.04,length=0.5,form=1", 11)
     assert slow
     assert all("wear" in set_of(one) for one in slow)
+
+
+def test_shapes_that_differ_by_less_than_the_theory_is_off_by_are_no_likeness() -> None:
+    """Of what the theory's parts would have told as warming, the distance run explains more (0239)."""
+    _, slow = slow_on_rig("wear:size=0.08,length=0.5,form=1", 3)
+    assert [one.name for one in slow] == ["wear"]
+
+
+def test_a_film_that_lags_is_found_beside_warming_by_a_third() -> None:
+    """Straight lines between six speeds left more of unlike directions than the lag and the warming are (0239)."""
+    found, slow = slow_on_rig("viscosity_drift:drop=0.3,time_constant=3", 3)
+    assert [one.name for one in slow] == ["viscosity_drift"]
+    assert "frictional_lag" in names(found)
+    assert found.unexplained_percent < 12.0
+
+
+def test_a_cause_that_another_form_of_an_earlier_one_completes_is_not_given_up_for_two() -> None:
+    """The directions' form was chosen before warming was known; two free shapes make up for the better one (0239)."""
+    some = chosen("direction_asymmetry", "pressure_dependence", "viscosity_drift", "wear")
+    hidden = (parse_effect("viscosity_drift:drop=0.3,time_constant=8"),)
+    samples = simulate(Scenario(abba(), "tabulated", 100.0, 0.03, 28, hidden)).samples
+    found = diagnose([samples], Config(), catalogue=some)
+    assert set(names(found)) == {"viscosity_drift", "direction_asymmetry"}
+    drop = next(e for e in found.effects if e.name == "viscosity_drift").parameters["drop"]
+    assert drop.value == pytest.approx(0.3, rel=0.15)
 
 
 @pytest.mark.parametrize("hidden", ["gain_step:size=0.05,at=21.5", "wear:size=0.05,length=0.05"])

@@ -5,12 +5,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.interpolate import BSpline
 
 from friction_estimator.effects import EFFECTS
 from friction_estimator.effects.axis import VelocityAxis
 from friction_estimator.effects.features import Features
 from friction_estimator.effects.reference import THEORY, Reference, tabled
-from friction_estimator.effects.shapes import HATS, TWICE
+from friction_estimator.effects.shapes import KNOTS, SHAPES, TWICE, weights_at
 
 NARROW, WIDE = 1e-3, 2e-3
 SPEEDS = np.geomspace(1e-4, 0.02, 40)
@@ -83,7 +84,8 @@ def test_directions_unlike_in_two_ways_are_told_as_the_share_of_the_friction_tha
     speed, pressure = np.array([reference.top_m_s / np.sqrt(2.0)]), np.array([4e5])
     level = float(reference.force(speed, pressure)[0])
     # The same even part of the force by either kind of column, or by much of one less much of the other.
-    weights = np.concatenate([np.full(HATS - 1, 0.3 - turned), np.full(HATS - 1, turned * level / reference.top_N)])
+    weights = np.zeros(2 * (SHAPES - 1))
+    weights[SHAPES - 2 :: SHAPES - 1] = 0.3 - turned, turned * level / reference.top_N
     params = {"shape": TWICE}
     told = asymmetry.told(params, weights, context, reference)["asymmetry"][0]
     ways, nothing = np.array([1.0, -1.0]), Features(*(np.zeros(2) for _ in fields(Features)))
@@ -92,3 +94,14 @@ def test_directions_unlike_in_two_ways_are_told_as_the_share_of_the_friction_tha
     even_N = (columns @ weights).sum()
     assert told == pytest.approx(0.3, rel=1e-3)
     assert even_N / level == pytest.approx(told, rel=1e-3)
+
+
+def test_splines_are_those_of_scipy_and_make_no_more_than_what_they_are_made_of() -> None:
+    place = np.linspace(0.0, 1.0, 301)
+    splines = weights_at(place)
+    assert np.array_equal(splines, BSpline.design_matrix(place, KNOTS, 2).toarray())
+    step = splines @ (np.arange(SHAPES) >= SHAPES // 2)
+    assert np.all(np.diff(step) >= -1e-12)
+    assert (step[0], step[-1]) == (0.0, 1.0)
+    assert np.isnan(weights_at(np.array([np.nan]))).all()
+    assert np.array_equal(weights_at(np.array([-0.1, 1.7])), weights_at(np.array([0.0, 1.0])))

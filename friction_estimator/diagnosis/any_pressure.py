@@ -16,7 +16,7 @@ from friction_estimator.diagnosis.lack_of_fit import Wider
 from friction_estimator.diagnosis.pressures import recorded_steps
 from friction_estimator.diagnosis.record import pressure_range
 from friction_estimator.effects.features import Features
-from friction_estimator.effects.shapes import HATS, hats
+from friction_estimator.effects.shapes import SHAPES, splines
 from friction_estimator.effects.whole import FirstOrder
 
 TENTHS = 10
@@ -56,12 +56,12 @@ class AnyPressure(Wider):
     @property
     def width(self) -> int:
         """Number of columns beside the tangent."""
-        return HATS * (self.count + int(self.behind.shape[1]))
+        return SHAPES * (self.count + int(self.behind.shape[1]))
 
     def beside(self, part: slice) -> Sequence[Floats]:
         """Return the columns beside the tangent for some samples."""
         f = self.model.features[part]
-        by_speed = SHARE * f.force_N[:, None] * hats(f.velocity_m_s, self.model.reference)
+        by_speed = SHARE * f.force_N[:, None] * splines(f.velocity_m_s, self.model.reference)
         here = self.cell[part, None] == np.arange(self.count)
         shares = np.column_stack([here, self.behind[part]])
         return [(shares[:, :, None] * by_speed[:, None, :]).reshape(f.size, -1)]

@@ -270,6 +270,8 @@ class _Normal:
         self._columns[size:, base:] = np.eye(width)
         self._known = np.zeros((base + width, base + width))
         self._known[:base, :base] = problem.information
+        self._extra_known = np.zeros(0) if extra is None else extra.known
+        self._known[np.arange(base, base + width), np.arange(base, base + width)] = self._extra_known
         self._linear = np.delete(self._columns, at_taps, axis=1)
         # Rows and columns of each tap in it: the coefficient of every curve at that lag.
         self._taps_at = np.arange(m, m + p * m).reshape(p, m), np.arange(m)
@@ -289,7 +291,8 @@ class _Normal:
         """Return cost and error power, N^2."""
         power = self.error_power(np.concatenate([self.problem.spread(weights, taps, own), extra]))
         theta = np.concatenate([weights, taps, own])
-        return power + variance * float(theta @ self.problem.information @ theta), power
+        known = float(theta @ self.problem.information @ theta) + float(self._extra_known @ np.square(extra))
+        return power + variance * known, power
 
     def descend(self, taps: Floats, start: Coefficients | None = None) -> Coefficients:
         """Gauss-Newton with step halving from these taps; nothing, at infinite cost, where numbers end.

@@ -310,14 +310,14 @@ class Candidates:
                 return i, fewer
         return None
 
-    def reformed(self, model: Model, least_N2: float) -> tuple[int, Model] | None:
-        """Return the place of a term and the model with its best other form, or None.
+    def reformed(self, model: Model, least_N2: float, earlier: bool = False) -> tuple[int, Model] | None:
+        """Return the place of a term and the model with its best other form, or None; of terms `earlier` than the last.
 
         It must explain at least this much, and more than its further parameters do by chance.
         """
         loss = float(model.loss.sum())
         best: tuple[float, int, Model] | None = None
-        for i, term in enumerate(model.joint.terms):
+        for i, term in enumerate(model.joint.terms[:-1] if earlier else model.joint.terms):
             effect, params = term.effect, term.params
             if effect.delays:
                 continue

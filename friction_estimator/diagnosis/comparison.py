@@ -185,18 +185,24 @@ class Comparison:
     def _worth(self, model: Model, option: Candidate, best: Candidate) -> float:
         """Return the gain of an option with the best cause after it, less what further parameters bring by chance.
 
-        What the memory saves counts in the variance that both leave: the option alone may leave far more, by which its
-        memory would be worth as much more.
+        Or with another form of an earlier cause, which was chosen before the option was known. What the memory saves
+        counts in the variance that both leave: the option alone may leave far more, by which its memory would be worth
+        as much more.
         """
         chance_N2 = PLAIN * best.samples_N2
         alone = option.gain - chance_N2 * option.freedom
-        both = [
+        more = [
             sum(gain_parts(model, c.model)) - chance_N2 * (option.freedom + c.freedom) - SECOND_SHARE * best.gain
             for c in self._views.followers(option.model)
         ]
         if option is not best:
             self._views.forget(option.model)
-        return max([alone, *both])
+        formed = self._fits.reformed(option.model, 0.0, earlier=True)
+        if formed is not None:
+            place, other = formed
+            further = other.joint.terms[place].weights.size - option.model.joint.terms[place].weights.size
+            more.append(sum(gain_parts(model, other)) - chance_N2 * (option.freedom + further))
+        return max([alone, *more])
 
     def _not_told_apart(self, model: Model, best: Candidate, other: Candidate) -> bool:
         """Return whether the record does not tell another candidate from the best one, although it explains less.

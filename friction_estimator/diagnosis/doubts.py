@@ -23,7 +23,8 @@ EARLY = 2.5
 """Sample periods after a reversal without which an effect that acts everywhere must still gain."""
 
 CLEARLY = 0.85
-"""Of a cause's gain: what other forms of earlier ones may explain at the most where it is much the same as they."""
+"""Of a cause's gain: what other forms of earlier ones may explain at the most where it is much the same as they, and
+unlike memories of the base where it is small."""
 
 TIME_BESIDE_FORMS = 0.03
 """Of its gain: what a time of the whole force must bring beside them."""
@@ -74,14 +75,16 @@ class Doubts:
             self._in_time[model, after] = found
         return self._in_time[model, after]
 
-    def beyond_memory(self, model: Model, one: Candidate, gain_N2: float) -> bool:
+    def beyond_memory(self, model: Model, one: Candidate, gain_N2: float, ample: bool) -> bool:
         """Return whether an effect of this gain is more than unlike memories of the base, which are lack of fit.
 
-        A time of the whole force is compared with the memory that there is.
+        Clearly more, where its gain is not ample: what grows with the speed and is late by a little is a mass. A time
+        of the whole force is compared with the memory that there is.
         """
         if one.effect.delays or not model.joint.base.taps.size:
             return True
-        return self._beside(model, UnlikeMemories).is_less(one.model.joint.parts_N[-1], gain_N2)
+        lack = self._beside(model, UnlikeMemories)
+        return lack.is_less(one.model.joint.parts_N[-1], gain_N2, 1.0 if ample else CLEARLY)
 
     def taken_back_s(self, model: Model, after: Model) -> float:
         """Return what the base's memory takes back of a time that the force is ahead by, s; 0 for any other last term.

@@ -16,7 +16,7 @@ from friction_estimator.diagnosis.lack_of_fit import Wider
 from friction_estimator.diagnosis.library import columns_of
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.effects.compose import rms
-from friction_estimator.effects.shapes import HATS, hats
+from friction_estimator.effects.shapes import SHAPES, splines
 
 SHARE = 0.3
 """Deviation of the share by which a cause's force may be another one at a speed, in a direction, at a pressure."""
@@ -32,7 +32,7 @@ FEW = 2
 class OtherForms(Wider):
     """A model's tangent, and beside it what other forms of its causes differ by.
 
-    The force of a cause is taken times hat functions of the speed, times pressure and position about their means,
+    The force of a cause is taken times splines of the speed, times pressure and position about their means,
     times the sign of the change of speed, times its own size, and times the direction where it turns with it; beside
     that it may act at other lengths and times, and in its variants. All in units of the prior's deviation.
 
@@ -59,7 +59,7 @@ class OtherForms(Wider):
     @property
     def width(self) -> int:
         """Number of columns beside the tangent."""
-        own = sum(HATS + 3 + int(t.effect.by_place()) + int(t.effect.turns) for t in self.model.terms)
+        own = sum(SHAPES + 3 + int(t.effect.by_place()) + int(t.effect.turns) for t in self.model.terms)
         return own + sum(int(o.shape[1]) for o in self.others)
 
     def beside(self, part: slice) -> Sequence[Floats]:
@@ -67,7 +67,7 @@ class OtherForms(Wider):
         model, f = self.model, self.model.features[part]
         faster = np.sign(f.acceleration_m_s2 * f.direction)
         pressure, position = self.place[part].T
-        on = np.column_stack([hats(f.velocity_m_s, model.reference), pressure, faster])
+        on = np.column_stack([splines(f.velocity_m_s, model.reference), pressure, faster])
         made = []
         for term, force, size in zip(model.terms, model.parts_N, self.sizes_N, strict=True):
             own = [np.abs(force[part]) / size]

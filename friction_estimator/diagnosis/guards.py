@@ -81,10 +81,11 @@ class Guards:
 
         Where two causes are left the memories make up for both.
         """
-        if self.doubts.beyond_memory(model, best, best.gain):
+        ample = best.held_N2 >= later_N2(model)
+        if self.doubts.beyond_memory(model, best, best.gain, ample):
             return True
         after = [one.gain for one in self._views.followers(best.model)]
-        return bool(after) and self.doubts.beyond_memory(model, best, PAIR * (best.gain + max(after)))
+        return bool(after) and self.doubts.beyond_memory(model, best, PAIR * (best.gain + max(after)), ample)
 
     def beyond_pressure(self, model: Model, best: Candidate) -> bool:
         """Return whether a cause goes on within each pressure.

@@ -139,7 +139,8 @@ def estimates(
     if lattice_N:
         squares += quantile**2 * known.rounding(record.friction_N - joint.residual_N, lattice_N) * scales
     place = joint.base.tangent.shape[1]
-    untold = (np.diag(known.evidence.zz.sum(0)) == 0.0) & (joint.scales != 0.0)
+    told = (np.diag(known.evidence.zz.sum(0)) > 0.0) | (~joint.at_end & (joint.penalty > 0.0))
+    untold = ~told & (joint.scales != 0.0)
     out = []
     for number, term in enumerate(joint.terms):
         free = 0 if term.effect.fixed_gain else term.weights.size

@@ -52,15 +52,18 @@ class Extra:
     Attributes
     ----------
     mx : (blocks, L, c). xx : (blocks, c, c). xy : (blocks, c).
+    known : (c,), what is known before of their coefficients: the inverse of the prior's variance.
     """
 
     mx: Floats
     xx: Floats
     xy: Floats
+    known: Floats
 
     def __getitem__(self, columns: slice | Bools, /) -> "Extra":
         """Return the products of some of the columns."""
-        return Extra(self.mx[:, :, columns], self.xx[:, columns][:, :, columns], self.xy[:, columns])
+        xx = self.xx[:, columns][:, :, columns]
+        return Extra(self.mx[:, :, columns], xx, self.xy[:, columns], self.known[columns])
 
 
 class LaggedProducts:
@@ -136,7 +139,7 @@ class LaggedProducts:
             mx[b] = inner(self.rows(rows), x)
             xx[b] = inner(x, x)
             xy[b] = x.T @ self._force[rows]
-        return Extra(mx, xx, xy)
+        return Extra(mx, xx, xy, np.zeros(width))
 
     def tied(self, found: Extra) -> tuple["LaggedProducts", Extra]:
         """Return the products with one column more, without a lag, added to each static column at every lag.

@@ -49,12 +49,19 @@ class LinearFit:
                 problem, found = problem.tied(found)
             width = sum(c.shape[1] for c in free)
             joined, still = found[:width] if free else None, found[width:] if settled else None
+            if joined is not None:
+                joined = replace(joined, known=self._known(beside))
             if joined is not None and still is not None:
                 joined = replace(joined, xy=joined.xy - found.xx[:, :width, width])
         if joined is None:
             return problem.fit(joined, still, self._rows, starts)
         one_sided = np.concatenate([t.one_sided for _, t in beside if not t.effect.fixed_gain])
         return self._one_sided(problem, joined, still, starts, one_sided)
+
+    def _known(self, beside: Sequence[tuple[Floats, Term]]) -> Floats:
+        """Return what is known before of the free coefficients of some columns, (c,)."""
+        scale = self._base.problem.scale
+        return np.concatenate([t.known(c, scale) for c, t in beside if not t.effect.fixed_gain])
 
     def _one_sided(
         self,

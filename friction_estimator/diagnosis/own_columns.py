@@ -27,6 +27,7 @@ from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.moments import WITHIN, share_ago
 from friction_estimator.effects.on_film import on_film
 from friction_estimator.effects.reference import LOWEST, Reference
+from friction_estimator.effects.shapes import information
 from friction_estimator.effects.trace import STAGES
 
 MOST_KEPT = 32 << 20
@@ -66,6 +67,10 @@ class Term:
     def beyond(self, context: Context) -> bool:
         """Return whether its values lie beyond what the record spans."""
         return self.effect.spans(self.params, self.weights, context) is not None
+
+    def known(self, columns: Floats, friction_N: float) -> Floats:
+        """Return what is known before of the coefficients of its columns (n, c), (c,): see `information`."""
+        return information(self.effect.columns(self.params).shapes, columns, friction_N)
 
     def columns(self, features: Features, reference: Reference) -> Floats:
         """Return its columns beside nothing else, (n, c)."""

@@ -128,6 +128,8 @@ class Record:
             np.bincount(self.recording[self.used & (way * f.direction > 0.0)], minlength=count).tolist()
             for way in (1.0, -1.0)
         )
+        speed = np.abs(f.velocity_m_s)
+        moving = speed[self.used & (speed > 0.0)]
         return Context(
             motion=config.quantities.motion,
             duration_s=float(f.time_s[-1]),
@@ -135,12 +137,12 @@ class Record:
             distance_m=float(f.distance_m[-1]),
             stroke_m=high - low,
             centre_m=0.5 * (low + high),
-            top_speed_m_s=float(np.abs(f.velocity_m_s).max()),
+            top_speed_m_s=float(speed.max()),
             force_rms_N=float(np.sqrt(np.mean(np.square(self.friction_N[self.used])))),
             force_top_N=force_top_N,
             pressure_mean_Pa=float(f.pressure_Pa.mean()),
             pressure_span_Pa=float(np.ptp(f.pressure_Pa)),
-            sign_velocity_m_s=sign_velocity(config, float(np.abs(f.velocity_m_s).max())),
+            sign_velocity_m_s=sign_velocity(config, float(speed.max())),
             pressure_levels=int(np.count_nonzero(np.histogram(f.pressure_Pa, 10)[0] > 0.02 * f.size)),
             periods_s=self.periods_s,
             channels=tuple(channels),
@@ -148,6 +150,7 @@ class Record:
             held=tuple(zip(forward, backward, strict=True)),
             # At one pressure any curve of the speed may be the theory's part or the learned one's.
             theory_told=config.theory_kind == "seal" and spans_pressures(f.pressure_Pa, self.block),
+            slow_share=float(np.quantile(moving, 0.01) / speed.max()) if moving.size else 0.0,
         )
 
 

@@ -23,6 +23,8 @@ class Columns:
     of_theory : gives, as `compute` does and with a state of its own, what of the one column is the theory's: it passes
         through the theory's own lags, too, where the base model has such.
     one_sided : leading columns whose coefficients cannot be negative: of forces that act one way only.
+    shapes : numbers of leading columns that are free shapes over the speed (`effects.shapes.free`), shape by shape. Of
+        what no sample shows of such a shape a fit says nothing, unless by a prior (`effects.shapes.information`).
     """
 
     def __init__(
@@ -34,9 +36,10 @@ class Columns:
         of_force: bool = False,
         of_theory: Callable[[Features, Reference, Floats], Floats] | None = None,
         one_sided: int = 0,
+        shapes: tuple[int, ...] = (),
     ) -> None:
         self._compute, self._of_theory = compute, of_theory
-        self.size, self.of_force, self.one_sided = size, of_force, one_sided
+        self.size, self.of_force, self.one_sided, self.shapes = size, of_force, one_sided, shapes
         self._state, self._theory_state = np.zeros(state), np.zeros(state)
         self._filtered = filtered
         self._ring: Floats | None = None

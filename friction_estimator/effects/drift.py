@@ -12,8 +12,8 @@ from friction_estimator.effects.base import SLOW, Effect, Key, Params, Stated, W
 from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import STRAIGHT, chosen
-from friction_estimator.effects.reference import BOUNDARY, VISCOUS, Reference
-from friction_estimator.effects.shapes import FREE, HATS, LOW_SPEED, hats, is_free, place_of, weights_at
+from friction_estimator.effects.reference import BOUNDARY, THEORY, VISCOUS, Reference
+from friction_estimator.effects.shapes import FREE, LOW_SPEED, SHAPES, free, free_at, is_free, low_speed
 from friction_estimator.effects.trace import Trace
 
 GROWS = 0.5
@@ -87,7 +87,8 @@ class _SlowGain(Effect):
     ----------
     along : what it goes on with: a field of the features. lasts : how much of that the record has: a field of the
         context. way : sign of the change. own, other : part of the theory that changes, and the one that another cause
-        changes. told_at : share of the top speed at which a change of the friction is stated.
+        changes. told_at : share of the top speed at which a change of the friction is stated, or where the record is
+        slowest.
     """
 
     family = "slow_gain"
@@ -124,41 +125,44 @@ class _SlowGain(Effect):
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
-        """Return the theory's part times 1 - exp(-x / constant); in the free shape F times hats of the speed so."""
-        free = is_free(params)
+        """Return the theory's part times 1 - exp(-x / constant); in the free shape F times splines of the speed so."""
+        shaped = is_free(params)
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
             done = cls.way * cls._done(params, f)
-            if free:
-                return np.asarray(
-                    done[:, None] * r.force(f.velocity_m_s, f.pressure_Pa)[:, None] * hats(f.velocity_m_s, r)
-                )
+            if shaped:
+                force = r.force(f.velocity_m_s, f.pressure_Pa)
+                return np.asarray((done * force)[:, None] * free(f.velocity_m_s, r))
             return np.asarray(done * r.part(cls.own, f.velocity_m_s, f.pressure_Pa))
 
-        return Columns(compute, HATS if free else 1, filtered=True)
+        return Columns(compute, SHAPES if shaped else 1, filtered=True, shapes=(SHAPES,) if shaped else ())
 
     @classmethod
     def told(cls, params: Params, weights: Floats, context: Context, reference: Reference) -> Stated:
         """At one pressure any share of the friction may be the theory's: told is a change of the friction."""
         if is_free(params) or context.theory_told:
             return cls.physical(params, weights, context)
-        speed, pressure = cls.told_at * context.top_speed_m_s, context.pressure_mean_Pa
+        speed, pressure = max(cls.told_at, context.slow_share) * context.top_speed_m_s, context.pressure_mean_Pa
         (part,) = reference.once(np.array([speed]), np.array([pressure]), cls.own)
         share = float(part[0]) / reference.size_N(speed, pressure)
-        return cls.physical(dict(params) | {"shape": FREE}, np.full(HATS, share * weights[0]), context)
+        alike = np.append(np.zeros(SHAPES - 1), share * weights[0])
+        return cls.physical(dict(params) | {"shape": FREE}, alike, context)
 
     @classmethod
     def belied(cls, params: Params, part_N: Floats, f: Features, r: Reference, context: Context) -> bool:
         """A free shape that is nearer to a change of the theory's other part is that of another cause.
 
-        At one pressure nothing tells which part of the friction is which; but no level grows with the speed.
+        By how much the theory's own shape is unlike the friction's its parts are, too, or more: what is nearer by less
+        says nothing. At one pressure nothing tells which part of the friction is which; but no level grows with the
+        speed.
         """
         if not is_free(params):
             return False
         v, done = f.velocity_m_s, cls._done(params, f)
         if context.theory_told:
-            own, other = (_unlike(part_N, done * r.part(part, v, f.pressure_Pa)) for part in (cls.own, cls.other))
-            return other < own
+            theory = np.sum([r.part(part, v, f.pressure_Pa) for part in THEORY], axis=0)
+            own, other = (_angle(part_N, done * r.part(part, v, f.pressure_Pa)) for part in (cls.own, cls.other))
+            return own - other > _angle(r.force(v, f.pressure_Pa), theory)
         return cls.own == BOUNDARY and _unlike(part_N, done * v) < GROWS * _unlike(part_N, done * np.sign(v))
 
     @classmethod
@@ -212,8 +216,8 @@ class ViscosityDrift(_SlowGain):
         Where the theory's viscous part does not fit, nothing says how much of the friction is viscous.
         """
         # The plain form is the theory's derivative by the logarithm of the viscosity, the free one the friction itself.
-        free, loss = is_free(params), float(weights[-1])
-        drop = {"friction_drop": (loss, "")} if free else {"drop": (1.0 - float(np.exp(-loss)), "")}
+        loss = float(weights[-1])
+        drop = {"friction_drop": (loss, "")} if is_free(params) else {"drop": (1.0 - float(np.exp(-loss)), "")}
         return {**drop, "time_constant": (params["time_constant"], "s")}
 
     @classmethod
@@ -262,11 +266,11 @@ class Wear(_SlowGain):
         return replace(trace, boundary_factor=trace.boundary_factor * (1.0 + self["change"] * done))
 
     @classmethod
-    def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:  # noqa: ARG003
+    def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:
         """Relative change and length; in the free shape the change of the friction at low speed."""
-        free = is_free(params)
-        change = weights_at(place_of(LOW_SPEED))[0] @ weights if free else weights[0]
-        return {"friction_change" if free else "change": (float(change), ""), "length": (params["length"], "m")}
+        shaped = is_free(params)
+        change = free_at(low_speed(context)) @ weights if shaped else weights[0]
+        return {"friction_change" if shaped else "change": (float(change), ""), "length": (params["length"], "m")}
 
     @classmethod
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
@@ -286,6 +290,11 @@ def _unlike(part_N: Floats, force: Floats) -> float:
     """
     along = float(part_N @ force) ** 2 / max(float(force @ force) * float(part_N @ part_N), 1e-300)
     return max(1.0 - along, 0.0)
+
+
+def _angle(part_N: Floats, force: Floats) -> float:
+    """Return the angle between a change (n,) and a force (n,), of either sign, rad."""
+    return float(np.arcsin(np.sqrt(_unlike(part_N, force))))
 
 
 def _settled(ratio: Floats, form: float) -> Floats:

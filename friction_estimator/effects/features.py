@@ -20,7 +20,7 @@ class Context:
     distance_m : distance run, m.
     stroke_m : largest range of position, m.
     centre_m : middle of that range, m.
-    top_speed_m_s : largest speed, m/s.
+    top_speed_m_s : largest speed, m/s. slow_share : of it, which a hundredth of the moving samples do not reach.
     force_rms_N : rms of the measured friction, N.
     force_top_N : largest force of the fitted base model, N.
     pressure_mean_Pa, pressure_span_Pa : mean and range of gauge pressure, Pa.
@@ -54,6 +54,7 @@ class Context:
     held: tuple[tuple[int, int], ...] = ()
     theory_told: bool = True
     blurred_m: float = 0.0
+    slow_share: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

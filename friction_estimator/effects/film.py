@@ -150,8 +150,11 @@ class FrictionalLag(Effect):
 
     @classmethod
     def grid(cls, context: Context) -> list[dict[str, float]]:
-        """Lags from 0.02 samples to a quarter of the shortest period."""
-        return [lag | {"rest": 0.0} for lag in chosen(times(context), "lag")]
+        """Lags from 0.02 samples to a quarter of the shortest period, of the theory's share alone and of all the curve.
+
+        What stands beside it may leave the theory next to nothing of the force.
+        """
+        return [lag | {"rest": rest} for rest in (0.0, 1.0) for lag in chosen(times(context), "lag")]
 
     @classmethod
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003

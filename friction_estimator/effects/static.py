@@ -11,7 +11,7 @@ from friction_estimator.effects.columns import Columns
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import chosen
 from friction_estimator.effects.reference import Reference
-from friction_estimator.effects.shapes import FREE, HATS, LOW_SPEED, TWICE, hats, is_free, place_of, weights_at
+from friction_estimator.effects.shapes import FREE, SHAPES, TWICE, free, free_at, is_free, low_speed
 from friction_estimator.effects.trace import Trace
 
 RMS_SPEED = 2.0**-0.5
@@ -62,9 +62,9 @@ class DirectionAsymmetry(Effect):
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
-        """Return |F| / 2, or that with |F| sqrt(|v|) / 2, or its level times hat functions.
+        """Return |F| / 2, or that with |F| sqrt(|v|) / 2, or its level times splines.
 
-        In the free shape the level |F / S| is taken times hat functions of the speed that vanish at standstill; in the
+        In the free shape the level |F / S| is taken times splines of the speed that vanish at standstill; in the
         one free twice an even part that does not change with the pressure stands beside it.
         """
         shape = params["shape"]
@@ -73,14 +73,16 @@ class DirectionAsymmetry(Effect):
             force = 0.5 * f.force_N * f.direction
             if shape >= FREE:
                 stands = 0.5 * np.abs(r.level(f.velocity_m_s, f.pressure_Pa))[:, None]
-                free = hats(f.velocity_m_s, r)[:, 1:]
-                return stands * free if shape < TWICE else np.column_stack([stands * free, 0.5 * r.top_N * free])
+                by_speed = free(f.velocity_m_s, r, first=1)
+                made = [stands * by_speed, 0.5 * r.top_N * by_speed]
+                return made[0] if shape < TWICE else np.column_stack(made)
             if shape < 0.5:
                 return force
             return np.column_stack([force, force * np.sqrt(np.abs(f.velocity_m_s) / r.top_m_s)])
 
         if shape >= FREE:
-            return Columns(compute, (HATS - 1) * (2 if shape >= TWICE else 1))
+            shapes = (SHAPES - 1,) * (2 if shape >= TWICE else 1)
+            return Columns(compute, sum(shapes), shapes=shapes)
         return Columns(compute, 1 if shape < 0.5 else 2, of_force=True)
 
     @classmethod
@@ -97,8 +99,8 @@ class DirectionAsymmetry(Effect):
     def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:  # noqa: ARG003
         """Relative difference of the friction at the rms speed of a sine that reaches the top speed."""
         shape = np.array([1.0, RMS_SPEED**0.5])[: len(weights)]
-        if len(weights) >= HATS - 1:
-            shape = np.tile(weights_at(place_of(RMS_SPEED))[0, 1:], len(weights) // (HATS - 1))
+        if len(weights) >= SHAPES - 1:
+            shape = np.tile(free_at(RMS_SPEED, first=1), len(weights) // (SHAPES - 1))
         return {"asymmetry": (float(shape @ weights), "")}
 
     @classmethod
@@ -106,7 +108,7 @@ class DirectionAsymmetry(Effect):
         """What does not change with the pressure is a share of the friction at the mean pressure."""
         if params["shape"] >= TWICE:
             share = reference.top_N / reference.size_N(RMS_SPEED * reference.top_m_s, context.pressure_mean_Pa)
-            weights = weights * np.repeat([1.0, share], HATS - 1)
+            weights = weights * np.repeat([1.0, share], SHAPES - 1)
         return cls.physical(params, weights, context)
 
     signs = (0, 0)
@@ -175,23 +177,23 @@ class PressureDependence(Effect):
     def columns(cls, params: Params) -> Columns:
         """Return (p - pm) S, and of (p - pm) v and (p - pm)^2 S those that the parameters ask for.
 
-        In the free shape (p - pm) S is taken times hat functions of the speed.
+        In the free shape (p - pm) S is taken times splines of the speed.
         """
         viscous, curved = params["viscous"] >= 0.5, params.get("curvature", 0.0) >= 0.5
-        free = is_free(params)
+        shaped = is_free(params)
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
             lift = f.pressure_Pa - params["mean"]
             columns = [lift * r.smooth_sign(f.velocity_m_s)]
-            if free:
-                columns = list((columns[0][:, None] * hats(f.velocity_m_s, r)).T)
+            if shaped:
+                columns = list((columns[0][:, None] * free(f.velocity_m_s, r)).T)
             if viscous:
                 columns.append(lift * f.velocity_m_s)
             if curved:
                 columns.append(np.square(lift) * r.smooth_sign(f.velocity_m_s))
             return np.column_stack(columns)
 
-        return Columns(compute, (HATS if free else 1) + viscous + curved)
+        return Columns(compute, (SHAPES if shaped else 1) + viscous + curved, shapes=(SHAPES,) if shaped else ())
 
     @classmethod
     def variants(cls, params: Params) -> list[dict[str, float]]:
@@ -199,11 +201,11 @@ class PressureDependence(Effect):
         return [dict(params) | {"shape": FREE, "viscous": 0.0}]
 
     @classmethod
-    def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:  # noqa: ARG003
-        """Change of level, and of slope, per pressure."""
+    def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:
+        """Change of level, and of slope, per pressure; in the free shape that of the level at low speed."""
         if is_free(params):
-            low = weights_at(place_of(LOW_SPEED))[0]
-            weights = np.concatenate([[low @ weights[:HATS]], weights[HATS:]])
+            level = free_at(low_speed(context)) @ weights[:SHAPES]
+            weights = np.concatenate([[level], weights[SHAPES:]])
         names = [("boundary", "N/Pa")]
         if params["viscous"] >= 0.5:
             names.append(("viscous", "N s/m/Pa"))
