@@ -271,7 +271,7 @@ class _Normal:
         self._known = np.zeros((base + width, base + width))
         self._known[:base, :base] = problem.information
         self._extra_known = np.zeros(0) if extra is None else extra.known
-        self._known[np.arange(base, base + width), np.arange(base, base + width)] = self._extra_known
+        self._known[base:, base:] = np.diag(self._extra_known)
         self._linear = np.delete(self._columns, at_taps, axis=1)
         # Rows and columns of each tap in it: the coefficient of every curve at that lag.
         self._taps_at = np.arange(m, m + p * m).reshape(p, m), np.arange(m)

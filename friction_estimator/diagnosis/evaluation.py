@@ -132,9 +132,8 @@ class Evaluation:
             ends = [] if term.effect.fixed_gain else term.held.tolist()
             ends += [at_end(term.params[n], *anchors[i][n]) for n in refined]
             ended.append(shown & ends)
-            known = np.zeros(norm.size)
-            if not term.effect.fixed_gain:
-                known[: column.shape[1]] = term.known(column, self.base.problem.scale)
+            known = np.zeros(norm.size)  # nothing of what is refined, nor of a fixed gain
+            known[: column.shape[1]] = term.known(column, self.base.problem.scale)
             ridge = coefficients.power / coefficients.count * known / np.square(np.where(shown, norm, 1.0))
             held.append(np.where(shown & ~ended[-1], ridge, HELD))
         penalty = np.concatenate([fit.penalty, *held])

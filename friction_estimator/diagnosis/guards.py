@@ -81,7 +81,7 @@ class Guards:
 
         Where two causes are left the memories make up for both.
         """
-        ample = best.held_N2 >= later_N2(model)
+        ample = is_ample(model, best)
         if self.doubts.beyond_memory(model, best, best.gain, ample):
             return True
         after = [one.gain for one in self._views.followers(best.model)]
@@ -103,7 +103,7 @@ class Guards:
             return False
         if not causes or self._views.lattice_N > 0.0:
             return True
-        ample = best.held_N2 >= later_N2(model)
+        ample = is_ample(model, best)
         one_number = best.effect.delays or best.effect.in_theory
         whole = ample and one_number and self._whole(best)
         return self.doubts.beyond_forms(model, best, ample, whole)
@@ -158,3 +158,8 @@ class Guards:
 def later_N2(model: Model) -> float:
     """Return the gain that a cause beside the others of this model must bring, N^2."""
     return LATER_SHARE * float(model.loss.sum())
+
+
+def is_ample(model: Model, best: Candidate) -> bool:
+    """Return whether a cause gains what one beside the others of this model must bring, by held-out data alone."""
+    return best.held_N2 >= later_N2(model)

@@ -125,7 +125,7 @@ class _SlowGain(Effect):
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
-        """Return the theory's part times 1 - exp(-x / constant); in the free shape F times splines of the speed so."""
+        """Return the theory's part times 1 - exp(-x / constant); in the free shape F times `shapes.free` so."""
         shaped = is_free(params)
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001

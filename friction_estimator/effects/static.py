@@ -62,10 +62,10 @@ class DirectionAsymmetry(Effect):
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
-        """Return |F| / 2, or that with |F| sqrt(|v|) / 2, or its level times splines.
+        """Return |F| / 2, or that with |F| sqrt(|v|) / 2, or its level in a free shape.
 
-        In the free shape the level |F / S| is taken times splines of the speed that vanish at standstill; in the
-        one free twice an even part that does not change with the pressure stands beside it.
+        That is the level |F / S| times columns of the speed that vanish at standstill (`shapes.free`); in the one
+        free twice an even part that does not change with the pressure stands beside it.
         """
         shape = params["shape"]
 
@@ -177,7 +177,7 @@ class PressureDependence(Effect):
     def columns(cls, params: Params) -> Columns:
         """Return (p - pm) S, and of (p - pm) v and (p - pm)^2 S those that the parameters ask for.
 
-        In the free shape (p - pm) S is taken times splines of the speed.
+        In the free shape (p - pm) S is taken times columns of the speed (`shapes.free`).
         """
         viscous, curved = params["viscous"] >= 0.5, params.get("curvature", 0.0) >= 0.5
         shaped = is_free(params)
