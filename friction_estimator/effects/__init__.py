@@ -15,8 +15,8 @@ from friction_estimator.effects import (  # noqa: F401 - they register
     steps,
     timing,
 )
-from friction_estimator.effects.base import EFFECTS, Effect, parse_effect
-from friction_estimator.effects.catalogue import list_effects
+from friction_estimator.effects.base import EFFECTS, Effect
+from friction_estimator.effects.catalogue import list_effects, parse_effect
 from friction_estimator.effects.compose import compose
 from friction_estimator.effects.extension import ExtensionTerms, extension_from_config
 from friction_estimator.effects.trace import STAGES, Trace

@@ -7,7 +7,7 @@ diagnosis proposes for it (`grid`, `columns`), and what a test engineer should k
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -413,35 +413,3 @@ def effect(cls: type[Effect]) -> type[Effect]:
         raise ValueError(f"effect {cls.name} acts {cls.acts!r} or is detected at {cls.detects_at!r}, which is unknown")
     EFFECTS.register(cls.name, cls)
     return cls
-
-
-def parse_effect(text: str) -> Effect:
-    """Return the effect that `NAME` or `NAME:key=value,key=value` describes; `size=R` is a key of each.
-
-    Raises
-    ------
-    ConfigError : unknown name, unknown key, or a value out of range; one line.
-
-    Examples
-    --------
-    >>> from friction_estimator.effects import parse_effect
-    >>> parse_effect("inertia:mass=2").values
-    {'mass': 2.0}
-    """
-    name, _, rest = text.strip().partition(":")
-    cls = EFFECTS[name.strip()]
-    values: dict[str, str] = {}
-    for part in filter(None, (p.strip() for p in rest.split(","))):
-        key, equals, value = part.partition("=")
-        if not equals:
-            raise ConfigError(f"effect {text!r}: {part!r} is not key=value")
-        if key.strip() in values:
-            raise ConfigError(f"effect {text!r}: {key.strip()} is given twice")
-        values[key.strip()] = value.strip()
-    size: Any = values.pop("size", None)
-    if size is not None:
-        try:
-            size = float(size)
-        except ValueError:
-            raise ConfigError(f"effect {name}: size={size!r} is no number") from None
-    return cls(size=size, **values)

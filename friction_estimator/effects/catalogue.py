@@ -1,10 +1,11 @@
-"""The catalogue of effects as plain data: for `simulate --list-effects` and for the documentation."""
+"""The catalogue of effects in words: as data for `simulate --list-effects` and the documentation, and as asked for."""
 
 import inspect
 import textwrap
 from itertools import takewhile
 from typing import Any
 
+from friction_estimator.core.errors import ConfigError
 from friction_estimator.core.quantities import Quantities
 from friction_estimator.effects.base import EFFECTS, Effect, Key
 
@@ -56,3 +57,35 @@ def equation(cls: type[Effect]) -> tuple[str, str]:
     if not found or not stated:
         raise ValueError(f"the docstring of effect {cls.name} states no formula")
     return stated, " ".join(lines[len(formula) :]).strip()
+
+
+def parse_effect(text: str) -> Effect:
+    """Return the effect that `NAME` or `NAME:key=value,key=value` describes; `size=R` is a key of each.
+
+    Raises
+    ------
+    ConfigError : unknown name, unknown key, or a value out of range; one line.
+
+    Examples
+    --------
+    >>> from friction_estimator.effects import parse_effect
+    >>> parse_effect("inertia:mass=2").values
+    {'mass': 2.0}
+    """
+    name, _, rest = text.strip().partition(":")
+    cls = EFFECTS[name.strip()]
+    values: dict[str, str] = {}
+    for part in filter(None, (p.strip() for p in rest.split(","))):
+        key, equals, value = part.partition("=")
+        if not equals:
+            raise ConfigError(f"effect {text!r}: {part!r} is not key=value")
+        if key.strip() in values:
+            raise ConfigError(f"effect {text!r}: {key.strip()} is given twice")
+        values[key.strip()] = value.strip()
+    size: Any = values.pop("size", None)
+    if size is not None:
+        try:
+            size = float(size)
+        except ValueError:
+            raise ConfigError(f"effect {name}: size={size!r} is no number") from None
+    return cls(size=size, **values)
