@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_records import abba, names, record
+from diagnosis_records import abba, chosen, names, record
 
 from friction_estimator.core.quantities import Quantities
 from friction_estimator.core.sample import Samples
@@ -81,3 +81,13 @@ def test_a_recording_of_a_moment_takes_nothing_off_the_amplitude_of_the_others()
     found = next(e for e in diagnose(parts, Config()).effects if e.name == "position_dependence")
     for name in ("amplitude_forward", "amplitude_backward"):
         assert found.parameters[name].low < 0.4 < found.parameters[name].high
+
+
+def test_a_small_ripple_is_no_form_of_a_cause_that_leaves_much_more() -> None:
+    """What the rig's own traits leave, which nothing here may name, has no 50 waves on the stroke (decision 0240)."""
+    hidden = ["sensor_drift:size=0.9", "position_dependence:size=0.04,wavelength=0.004"]
+    some = chosen("sensor_drift", "position_dependence")
+    found = diagnose([record(hidden, plant="rig")], Config(), catalogue=some)
+    assert names(found) == ["sensor_drift", "position_dependence"]
+    assert found.effects[1].parameters["wavelength"].value == pytest.approx(0.004, rel=2e-3)
+    assert found.unexplained_percent > 50.0

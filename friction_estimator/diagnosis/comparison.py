@@ -17,7 +17,7 @@ from friction_estimator.diagnosis.candidate import (
     within_errors,
 )
 from friction_estimator.diagnosis.causes import Cause
-from friction_estimator.diagnosis.guards import SECOND_SHARE, Guards
+from friction_estimator.diagnosis.guards import SECOND_SHARE, Guards, second_N2
 from friction_estimator.diagnosis.rivals import alike, closest
 from friction_estimator.diagnosis.views import Views
 from friction_estimator.effects.base import REVERSAL, SLOW, Effect
@@ -178,7 +178,7 @@ class Comparison:
     def _ahead(self, model: Model, options: Sequence[Candidate]) -> Candidate:
         """Return the one that explains most together with the cause that would come after it.
 
-        A cause more must bring its share, and a parameter more what it brings beyond chance.
+        A cause more must bring what it must to be named, and a parameter more what it brings beyond chance.
         """
         return max(options, key=lambda option: self._worth(model, option, options[0]))
 
@@ -191,8 +191,9 @@ class Comparison:
         """
         chance_N2 = PLAIN * best.samples_N2
         alone = option.gain - chance_N2 * option.freedom
+        share_N2 = second_N2(best.gain, self._views.left_N2(option.model))
         more = [
-            sum(gain_parts(model, c.model)) - chance_N2 * (option.freedom + c.freedom) - SECOND_SHARE * best.gain
+            sum(gain_parts(model, c.model)) - chance_N2 * (option.freedom + c.freedom) - share_N2
             for c in self._views.followers(option.model)
         ]
         if option is not best:

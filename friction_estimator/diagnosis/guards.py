@@ -119,7 +119,7 @@ class Guards:
         if self.in_time_alone(model, best.model):
             return best.held_N2 >= LEAST_SHARE * float(model.loss.sum())
         left = self._views.left_N2(model)
-        if best.gain < SECOND_SHARE * causes[0].gain and best.gain < SECOND_LEFT * left:
+        if best.gain < second_N2(causes[0].gain, left):
             return False
         if (
             best.effect.family in {self._views.catalogue[c.name].family for c in causes}
@@ -153,6 +153,15 @@ class Guards:
             return True
         beside = ((one, self._fits(one.model, best.name, best.term.params)) for one in better)
         return all(both is not None and both.gain > later_N2(one.model) for one, both in beside)
+
+
+def second_N2(first_N2: float, left_N2: float) -> float:
+    """Return what a further cause must bring, N^2: a share of the first one's gain, or of what is left above the floor.
+
+    >>> second_N2(870.0, 20.0), second_N2(100.0, 20.0)
+    (4.0, 2.0)
+    """
+    return min(SECOND_SHARE * first_N2, SECOND_LEFT * left_N2)
 
 
 def later_N2(model: Model) -> float:

@@ -222,9 +222,11 @@ class Searcher:
         return True
 
     def _sure(self, model: Model) -> set[str]:
-        """Return the causes that no form of the others makes (`Guards.in_time_alone`)."""
-        slow = [(k, term.name) for k, term in enumerate(model.joint.terms) if term.effect.acts == SLOW]
-        return {name for k, name in slow if self.guards.in_time_alone(self.fits.without(model, k), model)}
+        """Return the causes that no form of the others makes: by their shape, or functions of the time."""
+        terms = model.joint.terms
+        unlike = {term.name for term in terms if term.effect.unlike(term.params, self.views.context)}
+        slow = [(k, term.name) for k, term in enumerate(terms) if term.effect.acts == SLOW]
+        return unlike | {name for k, name in slow if self.guards.in_time_alone(self.fits.without(model, k), model)}
 
     def _drop(self, found: _Found, place: int) -> list[Candidate]:
         """Take a cause away; return it as a candidate beside the others."""

@@ -291,6 +291,11 @@ class Effect:
         return None
 
     @classmethod
+    def unlike(cls, params: Params, context: Context) -> bool:  # noqa: ARG003
+        """Return whether its force has a shape that no form of another cause has, and so is none's lack of fit."""
+        return False
+
+    @classmethod
     def belied(cls, params: Params, part_N: Floats, f: Features, r: Reference, context: Context) -> bool:  # noqa: ARG003
         """Return whether the fitted force (n,) has a shape that is another cause's; plain forms cannot."""
         return False

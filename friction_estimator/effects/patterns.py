@@ -21,6 +21,9 @@ LEAST_APART = 1.0
 EVEN = 1e-9
 """Share of their distance by which evenly spaced wave numbers may differ from it: rounding."""
 
+MANY = 8.0
+"""Waves on the stroke from which a ripple is no form of anything else."""
+
 FLANKS = 0.25
 """Of the power of a wave beside a ripple: what one as far on the other side has where both are flanks of a ripple whose
 pitch or amplitude varies over the stroke."""
@@ -129,6 +132,11 @@ class PositionDependence(Effect):
             out[f"{which}amplitude_backward"] = (backward, "N")
             out[f"{which}wavelength"] = (params[f"{which}wavelength"], "m")
         return out
+
+    @classmethod
+    def unlike(cls, params: Params, context: Context) -> bool:
+        """Waves of which a stroke holds many: what the form of a cause lacks has a few."""
+        return max(cls._lengths(params)) <= context.stroke_m / MANY
 
     @classmethod
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
