@@ -21,7 +21,7 @@ LEAST_APART = 1.0
 EVEN = 1e-9
 """Share of their distance by which evenly spaced wave numbers may differ from it: rounding."""
 
-MANY = 8.0
+MANY_WAVES = 8.0
 """Waves on the stroke from which a ripple is no form of anything else."""
 
 FLANKS = 0.25
@@ -136,7 +136,7 @@ class PositionDependence(Effect):
     @classmethod
     def unlike(cls, params: Params, context: Context) -> bool:
         """Waves of which a stroke holds many: what the form of a cause lacks has a few."""
-        return max(cls._lengths(params)) <= context.stroke_m / MANY
+        return max(cls._lengths(params)) <= context.stroke_m / MANY_WAVES
 
     @classmethod
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
