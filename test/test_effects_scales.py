@@ -1,5 +1,7 @@
 """Grids are in units of the record, and what lies beyond the record is refused in words."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -83,6 +85,8 @@ BEYOND = [
     ("position_dependence", {"wavelength": 0.021}, "half the stroke"),
     ("wear", {"length": 1e4}, "twice the distance"),
     ("viscosity_drift", {"time_constant": 1e4}, "twice the recording"),
+    ("wear", {"length": 0.03}, "first stroke"),
+    ("viscosity_drift", {"time_constant": 0.6}, "first stroke"),
     ("time_delay", {"delay": 1e-6}, "hundredth of the sample"),
     ("time_delay", {"delay": 0.5}, "quarter of the shortest"),
     ("sensor_lowpass", {"time_constant": 0.5}, "quarter of the shortest"),
@@ -100,6 +104,27 @@ BEYOND = [
 @pytest.mark.parametrize(("name", "params", "words"), BEYOND)
 def test_what_lies_beyond_the_record_is_refused_in_words(name: str, params: dict[str, float], words: str) -> None:
     assert words in Quantities().worded(str(EFFECTS[name].spans(params, np.ones(1), USUAL)))
+
+
+@pytest.mark.parametrize(("name", "stroke"), [("wear", 0.04), ("viscosity_drift", 0.2 * np.pi)])
+def test_a_slow_change_is_sought_from_a_stroke_on(name: str, stroke: float) -> None:
+    """What is over sooner is what a record begins with; of long strokes a small part is enough (decision 0241)."""
+    cls = EFFECTS[name]
+    (key,) = cls.refined
+    assert cls.bracket(key, 1.5 * stroke, USUAL)[0] == pytest.approx(stroke)
+    assert cls.spans({key: 1.01 * stroke}, np.ones(1), USUAL) is None
+    one_way = replace(USUAL, stroke_m=USUAL.distance_m)
+    twelfth = min(params[key] for params in cls.grid(one_way))
+    assert cls.bracket(key, twelfth, one_way)[0] == pytest.approx(twelfth / 2.5)
+    assert cls.spans({key: twelfth / 2.4}, np.ones(1), one_way) is None
+
+
+@pytest.mark.parametrize(("waves", "unlike"), [(7.9, False), (8.1, True)])
+def test_a_ripple_of_many_waves_is_no_form_of_anything_else(waves: float, unlike: bool) -> None:
+    ripple = EFFECTS["position_dependence"]
+    assert ripple.unlike({"wavelength": USUAL.stroke_m / waves}, USUAL) == unlike
+    assert ripple.unlike({"wavelength": 1e-4, "second_wavelength": USUAL.stroke_m / waves}, USUAL) == unlike
+    assert not Effect.unlike({}, USUAL)
 
 
 def test_what_has_a_sign_in_physics_has_it_and_a_spring_has_none() -> None:

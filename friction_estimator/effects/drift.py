@@ -19,6 +19,9 @@ from friction_estimator.effects.trace import Trace
 GROWS = 0.5
 """Of what a level leaves of a change: where a force that grows with the speed leaves less, it is no level's."""
 
+SOONEST = 1.0 / 30.0
+"""Of a record: what is over sooner is what it begins with, however long its strokes are."""
+
 
 @effect
 class SensorDrift(Effect):
@@ -115,8 +118,22 @@ class _SlowGain(Effect):
 
     @classmethod
     def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
-        """Never beyond twice the record: a longer one is a straight line, and so is that."""
-        return (value / 2.5, min(value * 2.5, STRAIGHT * getattr(context, cls.lasts)))
+        """Never beyond twice the record, where a longer one is a straight line as well; nor within a stroke."""
+        soonest = min(cls._soonest(context), value)
+        return (max(value / 2.5, soonest), min(value * 2.5, STRAIGHT * getattr(context, cls.lasts)))
+
+    @classmethod
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+        """What is over within a stroke is what a record begins with: a film that builds up, a filter that settles."""
+        if params[cls.refined[0]] <= cls._soonest(context) * (1.0 + 1e-6):
+            return "it is over within the first stroke"
+        return None
+
+    @classmethod
+    def _soonest(cls, context: Context) -> float:
+        """Return the constant that is a stroke long, in its unit; where strokes are long a small part of the record."""
+        share = min(context.stroke_m / max(context.distance_m, 1e-300), SOONEST)
+        return share * float(getattr(context, cls.lasts))
 
     @classmethod
     def _done(cls, params: Params, f: Features) -> Floats:
@@ -221,11 +238,11 @@ class ViscosityDrift(_SlowGain):
         return {**drop, "time_constant": (params["time_constant"], "s")}
 
     @classmethod
-    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:
         """Beyond twice the recording only its start is seen, and its end is invented."""
         if params["time_constant"] > STRAIGHT * context.duration_s * (1.0 + 1e-6):
             return f"its time constant of {params['time_constant']:.3g} s is beyond twice the recording"
-        return None
+        return super().spans(params, weights, context)
 
     along, lasts, way, own, other, told_at = "time_s", "duration_s", -1.0, VISCOUS, BOUNDARY, 1.0
     signs = (1,)
@@ -273,11 +290,11 @@ class Wear(_SlowGain):
         return {"friction_change" if shaped else "change": (float(change), ""), "length": (params["length"], "m")}
 
     @classmethod
-    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
+    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:
         """Beyond twice the distance run only its start is seen, and its end is invented."""
         if params["length"] > STRAIGHT * context.distance_m * (1.0 + 1e-6):
             return f"its length of {quantity(params['length'], POSITION, '.3g')} is beyond twice the distance run"
-        return None
+        return super().spans(params, weights, context)
 
     along, lasts, way, own, other, told_at = "distance_m", "distance_m", 1.0, BOUNDARY, VISCOUS, LOW_SPEED
     refined = ("length",)
