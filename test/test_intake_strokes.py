@@ -26,9 +26,8 @@ def trajectory(seconds, period_s=22.13, rate_hz=RATE_HZ):
 
 
 @settings(max_examples=25, deadline=None)
-@given(st.sampled_from([0.0, 1e-4, 1e-3, 5e-3]), st.integers(0, 2**32 - 1))
+@given(st.sampled_from([0.0, 1e-4, 1e-3, 1e-2]), st.integers(0, 2**32 - 1))
 def test_noise_makes_no_reversals(noise, seed):
-    """Up to a sixth of the hysteresis; of a third, 1 in 400 such records has one reversal more at a rest."""
     t = np.arange(6000) / RATE_HZ
     velocity = np.sin(2 * np.pi * t / 6.0 + 0.3) * (np.abs(np.sin(2 * np.pi * t / 6.0 + 0.3)) > 0.3)
     found = reversed_at(velocity + noise * np.random.default_rng(seed).standard_normal(t.size))
