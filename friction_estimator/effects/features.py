@@ -6,6 +6,7 @@ import numpy as np
 
 from friction_estimator.compiled import njit
 from friction_estimator.core.intake.kinks import KINK
+from friction_estimator.core.intake.strokes import reaches
 from friction_estimator.core.sample import Floats, Ints, Samples
 
 
@@ -156,7 +157,7 @@ def _features(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
 ):
     """Fill the features.
 
-    A change of sign may be a reversal or noise. Until the velocity has reached `level` on the new side both counts go
+    A change of sign may be a reversal or noise. Until the velocity reaches `level` on the new side both counts go
     on, and each sample shows that of the side it is on: so the first samples of a stroke are known at once, and
     nothing is forgotten where velocity goes back.
     """
@@ -210,17 +211,18 @@ def _features(  # type: ignore[no-untyped-def] # pragma: no cover - compiled
             state[WAY] = 1.0
         elif v < 0.0:
             state[WAY] = -1.0
+        told = dt > 0.0 and reaches(v1, v, level)
         if state[SIDE] != 0.0 and state[WAY] != state[SIDE]:
             if turned:
                 state[NEW_M], state[NEW_S] = after_m, after_s
             else:
                 state[NEW_M] += moved
                 state[NEW_S] += dt
-            if abs(v) > level:
+            if told:
                 state[SIDE], state[RUN_M], state[RUN_S] = state[WAY], state[NEW_M], state[NEW_S]
             run_m[k], run_s[k] = state[NEW_M], state[NEW_S]
         else:
-            if abs(v) > level:
+            if told:
                 state[SIDE] = state[WAY]
             run_m[k], run_s[k] = state[RUN_M], state[RUN_S]
         state[POSITION] += 0.5 * (v1 + v) * dt
