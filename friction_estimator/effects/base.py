@@ -19,6 +19,7 @@ from friction_estimator.core.settings.config import Config
 from friction_estimator.effects.columns import Columns, SideBySide
 from friction_estimator.effects.detection import ORDER, DataView, Fault
 from friction_estimator.effects.features import Context, Features
+from friction_estimator.effects.grids import about
 from friction_estimator.effects.kernels import DELAY_LINE
 from friction_estimator.effects.reference import Reference
 from friction_estimator.effects.trace import STAGES, Trace
@@ -230,7 +231,7 @@ class Effect:
     @classmethod
     def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
         """Return the range about `value` in which a `refined` parameter is sought; of a share, from nothing to all."""
-        return (0.0, 1.0) if name in cls.shares else (value / 2.5, value * 2.5)
+        return (0.0, 1.0) if name in cls.shares else about(value)
 
     @classmethod
     def formed(cls) -> bool:

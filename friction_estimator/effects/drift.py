@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from friction_estimator.core.quantities import POSITION, quantity
+from friction_estimator.core.quantities import quantity
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import SLOW, Effect, Key, Params, Stated, Words, effect, form_key
 from friction_estimator.effects.columns import Columns
@@ -89,9 +89,9 @@ class _SlowGain(Effect):
     Attributes
     ----------
     along : what it goes on with: a field of the features. lasts : how much of that the record has: a field of the
-        context. way : sign of the change. own, other : part of the theory that changes, and the one that another cause
-        changes. told_at : share of the top speed at which a change of the friction is stated, or where the record is
-        slowest.
+        context; whole_record : that in words. way : sign of the change. own, other : part of the theory that changes,
+        and the one that another cause changes. told_at : share of the top speed at which a change of the friction is
+        stated, or where the record is slowest.
     """
 
     family = "slow_gain"
@@ -100,6 +100,7 @@ class _SlowGain(Effect):
     turns = True
     along: ClassVar[str]
     lasts: ClassVar[str]
+    whole_record: ClassVar[str]
     way: ClassVar[float]
     own: ClassVar[int]
     other: ClassVar[int]
@@ -117,16 +118,24 @@ class _SlowGain(Effect):
         return [*plain, *free]
 
     @classmethod
-    def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:  # noqa: ARG003
-        """Never beyond twice the record, where a longer one is a straight line as well; nor within a stroke."""
-        soonest = min(cls._soonest(context), value)
-        return (max(value / 2.5, soonest), min(value * 2.5, STRAIGHT * getattr(context, cls.lasts)))
+    def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:
+        """Never beyond twice the record, where a longer one is a straight line as well; nor over at once."""
+        low, high = super().bracket(name, value, context)
+        return (max(low, min(cls._soonest(context), value)), min(high, STRAIGHT * getattr(context, cls.lasts)))
 
     @classmethod
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
-        """What is over within a stroke is what a record begins with: a film that builds up, a filter that settles."""
-        if params[cls.refined[0]] <= cls._soonest(context) * (1.0 + 1e-6):
-            return "it is over within the first stroke"
+        """What is over at once is what a record begins with: a film that builds up, a filter that settles.
+
+        Beyond twice the record only its start is seen, and its end is invented.
+        """
+        (name,) = cls.refined
+        unit = next(key.unit for key in cls.keys if key.name == name)
+        value = f"its {name.replace('_', ' ')} of {quantity(params[name], unit, '.3g')}"
+        if params[name] <= cls._soonest(context) * (1.0 + 1e-6):
+            return f"{value} is over where the record begins"
+        if params[name] > STRAIGHT * getattr(context, cls.lasts) * (1.0 + 1e-6):
+            return f"{value} is beyond twice {cls.whole_record}"
         return None
 
     @classmethod
@@ -237,14 +246,8 @@ class ViscosityDrift(_SlowGain):
         drop = {"friction_drop": (loss, "")} if is_free(params) else {"drop": (1.0 - float(np.exp(-loss)), "")}
         return {**drop, "time_constant": (params["time_constant"], "s")}
 
-    @classmethod
-    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:
-        """Beyond twice the recording only its start is seen, and its end is invented."""
-        if params["time_constant"] > STRAIGHT * context.duration_s * (1.0 + 1e-6):
-            return f"its time constant of {params['time_constant']:.3g} s is beyond twice the recording"
-        return super().spans(params, weights, context)
-
-    along, lasts, way, own, other, told_at = "time_s", "duration_s", -1.0, VISCOUS, BOUNDARY, 1.0
+    along, lasts, whole_record = "time_s", "duration_s", "the recording"
+    way, own, other, told_at = -1.0, VISCOUS, BOUNDARY, 1.0
     signs = (1,)
     refined = ("time_constant",)
 
@@ -289,14 +292,8 @@ class Wear(_SlowGain):
         change = free_at(low_speed(context)) @ weights if shaped else weights[0]
         return {"friction_change" if shaped else "change": (float(change), ""), "length": (params["length"], "m")}
 
-    @classmethod
-    def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:
-        """Beyond twice the distance run only its start is seen, and its end is invented."""
-        if params["length"] > STRAIGHT * context.distance_m * (1.0 + 1e-6):
-            return f"its length of {quantity(params['length'], POSITION, '.3g')} is beyond twice the distance run"
-        return super().spans(params, weights, context)
-
-    along, lasts, way, own, other, told_at = "distance_m", "distance_m", 1.0, BOUNDARY, VISCOUS, LOW_SPEED
+    along, lasts, whole_record = "distance_m", "distance_m", "the distance run"
+    way, own, other, told_at = 1.0, BOUNDARY, VISCOUS, LOW_SPEED
     refined = ("length",)
 
 

@@ -33,6 +33,9 @@ FEWEST_POINTS = 6
 RELAXED = 0.2
 """Of the record: a relaxation must go through several of its times to be told from a spring."""
 
+REFINED = 2.5
+"""Times a value of a grid, up and down, within which it is refined: the ranges of neighbours overlap."""
+
 STRAIGHT = 2.0
 """Times the record: an exponential that is longer is a straight line, and so is this one."""
 
@@ -113,9 +116,15 @@ def beyond_length(what: str, value_m: float, context: Context) -> str | None:
     return None
 
 
+def about(value: float) -> tuple[float, float]:
+    """Return the range about a value of a grid in which it is sought."""
+    return value / REFINED, value * REFINED
+
+
 def below(value: float, most: float) -> tuple[float, float]:
     """Return the range about a value in which it is sought: up to `most`, but never to less than half of the value."""
-    return value / 2.5, max(min(value * 2.5, most), value / 2.0)
+    low, high = about(value)
+    return low, max(min(high, most), value / 2.0)
 
 
 def longest_piece_s(context: Context) -> float:
