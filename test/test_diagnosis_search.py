@@ -178,6 +178,31 @@ def test_a_film_that_lags_is_found_beside_warming_by_a_third() -> None:
     assert found.unexplained_percent < 12.0
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_slow_change_is_known_by_its_size(seed: int) -> None:
+    """Its length may be anything, and what explains less is not named for that (0242)."""
+    hidden = record(["wear:size=0.01,length=3"], noise=0.03, seed=seed)
+    (wear,) = diagnose([hidden], Config(), catalogue=chosen("wear", "viscosity_drift", "gain_step")).effects
+    assert wear.name == "wear"
+    assert "gain_step" in wear.rivals
+    assert wear.parameters["change"].low > 0.0
+    assert wear.parameters["length"].low == 0.0
+
+
+def test_a_form_that_explains_hardly_more_does_not_hide_what_comes_after_a_plainer_one() -> None:
+    """A delayed film explains 0.1 % more than one that lags, and beside it nothing is seen of the bristles (0240).
+
+    They bring less than a fiftieth of what the lag does, but nearly all that it leaves.
+    """
+    hidden = record(["presliding:amplitude=0.4,length=2.7e-5"], plant="film_lag", noise=0.03, seed=5)
+    some = chosen("frictional_lag", "presliding", "velocity_delay")
+    result = diagnose([hidden], Config(), catalogue=some)
+    assert names(result) == ["frictional_lag", "presliding"]
+    sizes = result.effects[1].parameters
+    assert sizes["amplitude"].low < 0.4 < sizes["amplitude"].high
+    assert result.unexplained_percent < 1.0
+
+
 def test_a_cause_that_another_form_of_an_earlier_one_completes_is_not_given_up_for_two() -> None:
     """The directions' form was chosen before warming was known; two free shapes make up for the better one (0239)."""
     some = chosen("direction_asymmetry", "pressure_dependence", "viscosity_drift", "wear")

@@ -21,7 +21,7 @@ from friction_estimator.diagnosis.intervals import Estimate, estimates
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.own_columns import Term, time_of
-from friction_estimator.effects.base import Effect
+from friction_estimator.effects.base import SLOW, Effect
 from friction_estimator.effects.features import Context
 
 RESETTLED = 10.0
@@ -290,6 +290,8 @@ class Candidates:
     def known_sign(self, one: Candidate, left_N2: float | None = None) -> bool:
         """Return whether what physics gives one sign, and every length and time, differs from zero by its interval.
 
+        But not how long a slow change goes on, which nobody need know to know that there is one.
+
         By chance alone; with `left_N2` also by what a misfit of that power may make of it (`estimates`).
 
         What is `positive` lies above it with the whole of that. Of the other quantities one at least must differ: a
@@ -354,6 +356,9 @@ class Candidates:
         one_sign = {name for name in fitted if name in term.refined and name not in term.effect.steps}
         if len(term.effect.signs) == term.weights.size and all(term.effect.signs):
             one_sign |= set(fitted)
+        if term.effect.acts == SLOW:
+            # It is known by its size: over how long it goes on may be anything.
+            one_sign -= set(term.refined)
         known = {name for name, value in fitted.items() if value.apart_from_zero}
         sizes = set(fitted) - set(term.refined)
         told_by_sizes = bool(sizes) and term.weights.size <= len(sizes)  # a free shape may cancel in each of them

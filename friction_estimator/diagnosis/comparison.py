@@ -17,7 +17,7 @@ from friction_estimator.diagnosis.candidate import (
     within_errors,
 )
 from friction_estimator.diagnosis.causes import Cause
-from friction_estimator.diagnosis.guards import SECOND_SHARE, Guards, second_N2
+from friction_estimator.diagnosis.guards import Guards, later_N2, second_N2
 from friction_estimator.diagnosis.rivals import alike, closest
 from friction_estimator.diagnosis.views import Views
 from friction_estimator.effects.base import REVERSAL, SLOW, Effect
@@ -158,8 +158,8 @@ class Comparison:
         """Return the candidates of which one may be the cause, the best one first.
 
         Others only where another family or time of the whole force comes close, or the best one in its `plain` form,
-        and the best one leaves more than noise: another form of a cause may make up for half of what a second cause
-        does. What was recorded is not given up for what nobody saw.
+        and the best one leaves what a later cause must bring: another form of a cause may make up for half of what a
+        second cause does. What was recorded is not given up for what nobody saw.
         """
         if best.effect.recorded:
             return [best]
@@ -172,8 +172,7 @@ class Comparison:
         first = plain.get(best.name, best)
         options = [best] if first is best else [best, first]
         options += close[: OPTIONS - len(options)]
-        noise = self._views.left_N2(best.model) < SECOND_SHARE * best.gain
-        return [best] if noise else options
+        return [best] if self._views.left_N2(best.model) < later_N2(best.model) else options
 
     def _ahead(self, model: Model, options: Sequence[Candidate]) -> Candidate:
         """Return the one that explains most together with the cause that would come after it.
