@@ -290,7 +290,7 @@ class Candidates:
     def known_sign(self, one: Candidate, left_N2: float | None = None) -> bool:
         """Return whether what physics gives one sign, and every length and time, differs from zero by its interval.
 
-        But not how long a slow change goes on, where its size is known.
+        But not how long a slow change of known size goes on; that of a free shape is never known.
 
         By chance alone; with `left_N2` also by what a misfit of that power may make of it (`estimates`).
 
@@ -358,8 +358,8 @@ class Candidates:
             one_sign |= set(fitted)
         known = {name for name, value in fitted.items() if value.apart_from_zero}
         sizes = set(fitted) - set(term.refined)
-        if term.effect.acts == SLOW and sizes & known:
-            one_sign -= set(term.refined)  # over how long it goes on may be anything
         told_by_sizes = bool(sizes) and term.weights.size <= len(sizes)  # a free shape may cancel in each of them
+        if term.effect.acts == SLOW and told_by_sizes and sizes & known:
+            one_sign -= set(term.refined)  # over how long it goes on may be anything
         above = all(fitted[name].low > 0.0 for name in term.effect.positive if name in fitted)
         return above and one_sign <= known and (not told_by_sizes or bool(sizes & known))
