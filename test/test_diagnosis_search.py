@@ -20,6 +20,7 @@ from friction_estimator.diagnosis.search import Searcher, _Found
 from friction_estimator.diagnosis.time_alone import FEWEST, TimeAlone, _alike
 from friction_estimator.effects import EFFECTS, parse_effect
 from friction_estimator.effects.base import SLOW
+from friction_estimator.effects.shapes import is_free
 from friction_estimator.rig.drive import segment
 from friction_estimator.rig.plant import PLANTS
 from friction_estimator.rig.simulate import Scenario, simulate
@@ -187,6 +188,18 @@ def test_a_slow_change_is_known_by_its_size(seed: int) -> None:
     assert "gain_step" in wear.rivals
     assert wear.parameters["change"].low > 0.0
     assert wear.parameters["length"].low == 0.0
+
+
+@pytest.mark.parametrize("name", ["wear", "viscosity_drift"])
+def test_of_a_free_shape_how_long_it_goes_on_is_known_too(name: str) -> None:
+    """It states the change at one speed, where it may be nothing while it is much elsewhere (0242)."""
+    config = Config.from_mapping({"theory.kind": "seal"})
+    data = build_record([record(["stick_slip:size=0.02"], noise=0.03, seed=2)], config)
+    context = data.context(config, float(np.abs(data.friction_N).max()))
+    fits = Searcher(data, config, context, chosen(name), 0).fits
+    some = fits(fits.base(), name, next(p for p in EFFECTS[name].grid(context) if is_free(p)))
+    assert some is not None
+    assert not fits.known_sign(some)
 
 
 def test_a_form_that_explains_hardly_more_does_not_hide_what_comes_after_a_plainer_one() -> None:
