@@ -141,8 +141,9 @@ def test_blocks_are_increasing_and_complete():
 
 
 def test_noise_about_zero_resets_nothing():
-    """Stops on the way and goes on; then turns back. Noise is a hundredth of the speed."""
+    """Stops on the way and goes on; then turns back. Noise is a hundredth of the speed, once six of them."""
     v = np.repeat([1.0, 0.0, 1.0, 0.0, -1.0], 200) + 0.01 * np.random.default_rng(0).standard_normal(1000)
+    v[300] = -0.06
     stamps = 1 + np.arange(1000, dtype=np.int64) * 10_000_000
     f = FeatureMaker(0.0, 0.0, 20.0, 0.05)(Samples(stamps, v, v, np.arange(1000) == 0))
     assert np.isinf(f.since_reversal_s[200:600][f.direction[200:600] > 0]).all(), "it only stood"

@@ -49,7 +49,7 @@ def _reversals(velocity, restart, level, found):  # type: ignore[no-untyped-def]
 def reversals(velocity_m_s: Floats, restart: Bools, level_m_s: float) -> Ints:
     """Return the samples that begin a stroke, (m,): the last change of sign before velocity reaches the other side.
 
-    A reversal within a gap is not seen and not counted.
+    A reversal within a gap is not seen and not counted, nor is one sample that reaches it alone.
 
     >>> v = np.array([1.0, 0.5, -0.01, -0.2, 0.01, 0.0, -0.2, -1.0, -0.5, 0.02, -1.0])
     >>> reversals(v, np.zeros(11, np.bool_), 0.1).tolist()
