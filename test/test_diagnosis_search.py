@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from diagnosis_records import LONG_ABBA, ONE_PRESSURE, abba, chosen, names, record, set_of
 
+from friction_estimator.core.sample import Samples
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import Capacity
 from friction_estimator.diagnosis.capacity import in_words
@@ -46,12 +47,16 @@ def test_the_set_is_what_is_hidden_and_the_plants_trait(hidden, plant, segments,
     assert set(names(result)) == found
 
 
+def searcher_on(samples: Samples, *some: str) -> Searcher:
+    """Return the search on one recording beside the seal's theory, for some effects alone."""
+    seal = Config.from_mapping({"theory.kind": "seal"})
+    data = build_record([samples], seal)
+    return Searcher(data, seal, data.context(seal, float(np.abs(data.friction_N).max())), chosen(*some), 0)
+
+
 @pytest.mark.parametrize("place", [0, 1])
 def test_without_one_cause_the_models_still_add_one_at_a_time(place) -> None:
-    config = Config.from_mapping({"theory.kind": "seal"})
-    data = build_record([record(["inertia:mass=0.3", "sensor_bias:bias=0.3"])], config)
-    context = data.context(config, float(np.abs(data.friction_N).max()))
-    searcher = Searcher(data, config, context, chosen("inertia", "sensor_bias"), 0)
+    searcher = searcher_on(record(["inertia:mass=0.3", "sensor_bias:bias=0.3"]), "inertia", "sensor_bias")
     found = _Found([searcher.fits.base()])
     searcher._extend(found, lambda _stage, _part: None)
     assert {c.name for c in found.causes} == {"inertia", "sensor_bias"}
@@ -193,11 +198,8 @@ def test_a_slow_change_is_known_by_its_size(seed: int) -> None:
 @pytest.mark.parametrize("name", ["wear", "viscosity_drift"])
 def test_of_a_free_shape_how_long_it_goes_on_is_known_too(name: str) -> None:
     """It states the change at one speed, where it may be nothing while it is much elsewhere (0242)."""
-    config = Config.from_mapping({"theory.kind": "seal"})
-    data = build_record([record(["stick_slip:size=0.02"], noise=0.03, seed=2)], config)
-    context = data.context(config, float(np.abs(data.friction_N).max()))
-    fits = Searcher(data, config, context, chosen(name), 0).fits
-    some = fits(fits.base(), name, next(p for p in EFFECTS[name].grid(context) if is_free(p)))
+    fits = searcher_on(record(["stick_slip:size=0.02"], noise=0.03, seed=2), name).fits
+    some = fits(fits.base(), name, next(p for p in EFFECTS[name].grid(fits.context) if is_free(p)))
     assert some is not None
     assert not fits.known_sign(some)
 
@@ -361,11 +363,8 @@ def test_a_cause_between_others_that_gains_nothing_is_not_told() -> None:
 
 
 def test_a_search_names_nothing_that_was_refuted() -> None:
-    seal = Config.from_mapping({"theory.kind": "seal"})
-    data = build_record([record(["inertia:mass=0.3", "sensor_bias:bias=0.3"])], seal)
-    context = data.context(seal, float(np.abs(data.friction_N).max()))
-    some = chosen("inertia", "sensor_bias", "direction_asymmetry")
-    searcher = Searcher(data, seal, context, some, 0)
+    some = ("inertia", "sensor_bias", "direction_asymmetry")
+    searcher = searcher_on(record(["inertia:mass=0.3", "sensor_bias:bias=0.3"]), *some)
     first = searcher(lambda _stage, _part: None)
     assert [cause.name for cause in first.causes] == ["sensor_bias", "inertia"]
     later = searcher.without(first.causes[1:], lambda _stage, _part: None)
@@ -378,11 +377,7 @@ def test_a_search_names_nothing_that_was_refuted() -> None:
 
 @pytest.mark.parametrize(("told_apart", "left"), [(False, []), (True, ["sensor_lowpass"])])
 def test_a_refuted_time_is_not_named_as_another_one_that_says_the_same(told_apart, left) -> None:
-    seal = Config.from_mapping({"theory.kind": "seal"})
-    data = build_record([record(["time_delay:delay=0.0004"])], seal)
-    context = data.context(seal, float(np.abs(data.friction_N).max()))
-    some = chosen("time_delay", "sensor_lowpass")
-    searcher = Searcher(data, seal, context, some, 0)
+    searcher = searcher_on(record(["time_delay:delay=0.0004"]), "time_delay", "sensor_lowpass")
     (cause,) = searcher(lambda _stage, _part: None).causes
     assert (cause.name, cause.rivals) == ("time_delay", ("sensor_lowpass",))
     refuted = replace(cause, rivals=()) if told_apart else cause
@@ -391,13 +386,8 @@ def test_a_refuted_time_is_not_named_as_another_one_that_says_the_same(told_apar
 
 
 def test_what_was_made_needless_is_known_by_how_much_it_is_behind() -> None:
-    seal = Config.from_mapping({"theory.kind": "seal"})
-    data = build_record(
-        [record(["direction_asymmetry:size=0.1", "sensor_drift:size=0.01"], segments=ONE_PRESSURE)], seal
-    )
-    context = data.context(seal, float(np.abs(data.friction_N).max()))
-    some = chosen("sensor_bias", "direction_asymmetry")
-    searcher = Searcher(data, seal, context, some, 0)
+    hidden = record(["direction_asymmetry:size=0.1", "sensor_drift:size=0.01"], segments=ONE_PRESSURE)
+    searcher = searcher_on(hidden, "sensor_bias", "direction_asymmetry")
     base = searcher.fits.base()
     bias = searcher.fits(base, "sensor_bias", {})
     both = searcher.fits(bias.model, "direction_asymmetry", {"shape": 1.0})

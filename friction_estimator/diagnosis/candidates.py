@@ -359,7 +359,9 @@ class Candidates:
         known = {name for name, value in fitted.items() if value.apart_from_zero}
         sizes = set(fitted) - set(term.refined)
         told_by_sizes = bool(sizes) and term.weights.size <= len(sizes)  # a free shape may cancel in each of them
-        if term.effect.acts == SLOW and told_by_sizes and sizes & known:
+        if told_by_sizes and not sizes & known:
+            return False
+        if told_by_sizes and term.effect.acts == SLOW:
             one_sign -= set(term.refined)  # over how long it goes on may be anything
         above = all(fitted[name].low > 0.0 for name in term.effect.positive if name in fitted)
-        return above and one_sign <= known and (not told_by_sizes or bool(sizes & known))
+        return above and one_sign <= known

@@ -112,7 +112,7 @@ class _SlowGain(Effect):
 
         Where a thinner film takes less of the load, friction rises as the oil warms: the plain form has no sign for it.
         """
-        name, whole = cls.refined[0], getattr(context, cls.lasts)
+        name, whole = cls.refined[0], cls._whole(context)
         plain = chosen(whole * np.array([1 / 12, 1 / 6, 1 / 3, 2 / 3, 2.0]), name)
         free = [dict(one) | {"shape": FREE} for one in chosen(whole * np.array([1 / 6, 2 / 3]), name)]
         return [*plain, *free]
@@ -121,7 +121,7 @@ class _SlowGain(Effect):
     def bracket(cls, name: str, value: float, context: Context) -> tuple[float, float]:
         """Never beyond twice the record, where a longer one is a straight line as well; nor over at once."""
         low, high = super().bracket(name, value, context)
-        return (max(low, min(cls._soonest(context), value)), min(high, STRAIGHT * getattr(context, cls.lasts)))
+        return (max(low, min(cls._soonest(context), value)), min(high, STRAIGHT * cls._whole(context)))
 
     @classmethod
     def spans(cls, params: Params, weights: Floats, context: Context) -> str | None:  # noqa: ARG003
@@ -134,7 +134,7 @@ class _SlowGain(Effect):
         value = f"its {name.replace('_', ' ')} of {quantity(params[name], unit, '.3g')}"
         if params[name] <= cls._soonest(context) * (1.0 + 1e-6):
             return f"{value} is over where the record begins"
-        if params[name] > STRAIGHT * getattr(context, cls.lasts) * (1.0 + 1e-6):
+        if params[name] > STRAIGHT * cls._whole(context) * (1.0 + 1e-6):
             return f"{value} is beyond twice {cls.whole_record}"
         return None
 
@@ -142,7 +142,12 @@ class _SlowGain(Effect):
     def _soonest(cls, context: Context) -> float:
         """Return the constant that is a stroke long, in its unit; where strokes are long a small part of the record."""
         share = min(context.stroke_m / max(context.distance_m, 1e-300), SOONEST)
-        return share * float(getattr(context, cls.lasts))
+        return share * cls._whole(context)
+
+    @classmethod
+    def _whole(cls, context: Context) -> float:
+        """Return how much the record has of what it goes on with, s or m."""
+        return float(getattr(context, cls.lasts))
 
     @classmethod
     def _done(cls, params: Params, f: Features) -> Floats:
