@@ -12,6 +12,7 @@ from friction_estimator.diagnosis.base_problem import Capacity
 from friction_estimator.diagnosis.capacity import in_words
 from friction_estimator.diagnosis.causes import Cause
 from friction_estimator.diagnosis.diagnose import diagnose
+from friction_estimator.diagnosis.extend import extended_config
 from friction_estimator.diagnosis.gaining import gaining
 from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.own_columns import Term
@@ -79,6 +80,22 @@ def test_a_bias_is_named_beside_directions_that_are_unlike() -> None:
     assert bias.value == pytest.approx(0.3, rel=0.05)
     assert bias.high - bias.low < 0.05
     assert found.unexplained_percent < 3.0
+
+
+@pytest.mark.parametrize(
+    ("biases", "told"),
+    [((0.3, -0.2), {"bias": 0.3, "bias_2": -0.2}), ((0.3, 0.3), {"bias": 0.3})],
+    ids=["of each", "the same"],
+)
+def test_each_of_several_recordings_may_have_a_zero_of_its_own(biases, told) -> None:
+    """A drift over all of them was told instead: its total is next to nothing, and it left a third (decision 0243)."""
+    recordings = [record([f"sensor_bias:bias={bias}"], noise=0.02, seed=k) for k, bias in enumerate(biases)]
+    found = diagnose(recordings, Config(), catalogue=chosen("sensor_bias", "sensor_drift", "bias_step"))
+    assert names(found) == ["sensor_bias"]
+    assert {n: v.value for n, v in found.effects[0].parameters.items()} == pytest.approx(told, abs=0.01)
+    assert found.unexplained_percent < 2.0
+    # What differs between recordings says nothing of the next one.
+    assert any(extended_config(found).learned.extension_weights) == (len(told) == 1)
 
 
 @pytest.mark.parametrize("hidden", [[], ["breakaway:size=0.04,length=3e-5"]])

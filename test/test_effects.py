@@ -367,11 +367,11 @@ def test_a_copy_of_what_is_kept_of_arrays_knows_none_of_them() -> None:
 
 
 def test_a_ripple_has_a_phase_of_its_own_in_each_recording(features: Features, reference: Reference) -> None:
-    from friction_estimator.effects.columns import amplitudes, own_phases
+    from friction_estimator.effects.columns import amplitudes, per_recording
 
     columns = np.arange(2.0 * features.size).reshape(-1, 2)
     number = (np.arange(features.size) >= 100).astype(np.int64)
-    split = own_phases(columns, replace(features, recording=number), {"recordings": 2.0})
+    split = per_recording(columns, replace(features, recording=number), {"recordings": 2.0})
     np.testing.assert_array_equal(split[:100], np.column_stack([columns[:100], 0.0 * columns[:100]]))
     np.testing.assert_array_equal(split[100:], np.column_stack([0.0 * columns[100:], columns[100:]]))
     assert amplitudes(np.array([3.0, 4.0, 0.0, 5.0]), {"recordings": 2.0}) == pytest.approx([5.0])

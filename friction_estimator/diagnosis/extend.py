@@ -92,9 +92,9 @@ def terms_of(model: Joint, reference: Reference) -> tuple[list[TermSpec], list[f
         for part, scale in enumerate(own.tolist()):
             specs.append(TermSpec(term.effect, dict(term.params), part, scale, measured(term.effect, model.features)))
             # What is of coefficient one is so of its own column. A wave has the phase of the recording that it was
-            # measured in; elsewhere it is learned anew.
+            # measured in, and a zero may be that of one recording; elsewhere they are learned anew.
             size = scale if term.effect.fixed_gain else float(fitted[part])
-            weights.append(0.0 if term.effect.has_phase else float(term.weights[part]) * size)
+            weights.append(0.0 if term.effect.of_one_recording(term.params) else float(term.weights[part]) * size)
     return specs, weights
 
 

@@ -93,13 +93,14 @@ def through_own_lags(step_s: Floats, theory_N: Floats, lags: Floats, ring: Float
 
 
 RECORDINGS = "recordings"
-"""Parameter of columns that have a phase of their own in each recording: the number of recordings."""
+"""Parameter of columns that have coefficients of their own in each recording: the number of recordings."""
 
 
-def own_phases(columns: Floats, features: Features, params: Mapping[str, float]) -> Floats:
+def per_recording(columns: Floats, features: Features, params: Mapping[str, float]) -> Floats:
     """Return (n, c) columns as (n, c recordings): each recording has coefficients of its own.
 
-    Clocks and encoders may have another origin in each. A recording beyond those that were fitted takes the last ones.
+    Clocks, encoders and force sensors may have another zero in each. A recording beyond those that were fitted takes
+    the last ones.
     """
     count = round(params.get(RECORDINGS, 1.0))
     if count == 1:
@@ -126,7 +127,7 @@ def amplitudes(weights: Floats, params: Mapping[str, float], held: Sequence[Sequ
 
 
 def several(features: Features) -> dict[str, float]:
-    """Return the parameter that gives each recording its own phase, empty where there is one recording."""
+    """Return the parameter that gives each recording its own coefficients, empty where there is one recording."""
     count = int(features.recording.max()) + 1 if features.size else 1
     return {RECORDINGS: float(count)} if count > 1 else {}
 

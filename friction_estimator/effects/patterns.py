@@ -7,7 +7,7 @@ import numpy as np
 from friction_estimator.core.quantities import POSITION, quantity
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import Effect, Key, Params, Stated, Words, effect, form_key
-from friction_estimator.effects.columns import RECORDINGS, Columns, SideBySide, amplitudes, own_phases, several
+from friction_estimator.effects.columns import RECORDINGS, Columns, SideBySide, amplitudes, per_recording, several
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import chosen, longest_piece_s
 from friction_estimator.effects.kernels import wave_comb, waves
@@ -96,7 +96,7 @@ class PositionDependence(Effect):
             made = out[0] if len(lengths) == 1 else np.concatenate(list(out), axis=1)
             if modulates:
                 made *= np.abs(f.force_N)[:, None]
-            return own_phases(made, f, params)
+            return per_recording(made, f, params)
 
         return Columns(compute, 4 * len(lengths) * round(params.get(RECORDINGS, 1.0)), of_force=modulates)
 
@@ -197,7 +197,6 @@ class PeriodicDisturbance(Effect):
     family = "periodic"
     stage = "mechanics"
     many = True
-    has_phase = True
     keys = (
         Key("amplitude", "N", 0.2, 0.0, 1e6, "amplitude"),
         Key("frequency", "Hz", 13.7, 1e-3, 1e5, "frequency"),
@@ -232,11 +231,16 @@ class PeriodicDisturbance(Effect):
 
         def compute(f: Features, r: Reference, s: Floats) -> Floats:  # noqa: ARG001
             angle = 2.0 * np.pi * params["frequency"] * f.time_s
-            order = range(1, count + 1)
-            return own_phases(np.column_stack([wave(k * angle) for k in order for wave in (np.cos, np.sin)]), f, params)
+            made = [wave(k * angle) for k in range(1, count + 1) for wave in (np.cos, np.sin)]
+            return per_recording(np.column_stack(made), f, params)
 
         count = round(params.get("harmonics", 1.0))
         return Columns(compute, 2 * count * round(params.get(RECORDINGS, 1.0)))
+
+    @classmethod
+    def of_one_recording(cls, params: Params) -> bool:  # noqa: ARG003
+        """Always: where in its cycle another recording begins nobody knows."""
+        return True
 
     @classmethod
     def variants(cls, params: Params) -> list[dict[str, float]]:

@@ -8,7 +8,7 @@ import numpy as np
 from friction_estimator.core.quantities import FORCE, quantity
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import Effect, Key, Params, Stated, Words, effect, form_key
-from friction_estimator.effects.columns import Columns
+from friction_estimator.effects.columns import RECORDINGS, Columns, per_recording, several
 from friction_estimator.effects.detection import MASKED, NOT_REPAIRED, DataView, Fault
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import below
@@ -68,14 +68,31 @@ class SensorBias(Effect):
         return [{}]
 
     @classmethod
-    def columns(cls, params: Params) -> Columns:  # noqa: ARG003
-        """Return the constant 1."""
-        return Columns(lambda f, _r, _s: np.ones(f.size))
+    def peaks(cls, residual_N: Floats, features: Features, context: Context) -> list[dict[str, float]]:  # noqa: ARG003
+        """A constant of each recording, where there are several: the zero may be another one in each."""
+        return [form for form in [several(features)] if form]
+
+    @classmethod
+    def plainer(cls, params: Params) -> list[dict[str, float]]:
+        """The same constant in all recordings."""
+        return [{}] if cls.of_one_recording(params) else []
+
+    @classmethod
+    def of_one_recording(cls, params: Params) -> bool:
+        """Where each recording has a zero of its own."""
+        return RECORDINGS in params
+
+    @classmethod
+    def columns(cls, params: Params) -> Columns:
+        """Return the constant 1, for each recording where each has a zero of its own."""
+        count = round(params.get(RECORDINGS, 1.0))
+        return Columns(lambda f, _r, _s: per_recording(np.ones((f.size, 1)), f, params), count)
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:  # noqa: ARG003
-        """Bias in N."""
-        return {"bias": (float(weights[0]), "N")}
+        """Bias in N; where each recording has its own, that of the first, and then of the others by their number."""
+        names = ["bias", *(f"bias_{number}" for number in range(2, weights.size + 1))]
+        return {name: (float(weight), "N") for name, weight in zip(names, weights, strict=True)}
 
 
 SOFT_REACH = 1.3
