@@ -28,6 +28,7 @@ from friction_estimator.rig.plant import PLANTS
 from friction_estimator.rig.simulate import Scenario, simulate
 
 IN_ORDER = tuple(segment(t, psi, s) for psi in (50.0, 100.0, 200.0) for t, s in ((1.0, 8.0), (5.0, 12.0)))
+ONE_SINE = (segment(2.0, 50.0, 60.0),)
 MULTISINES = (segment(8.0, 50.0, 40.0, "multisine"), segment(8.0, 200.0, 40.0, "multisine"))
 
 SLOW_CAUSES = tuple(name for name, cls in EFFECTS.items() if cls.acts == SLOW)
@@ -293,6 +294,15 @@ def test_the_set_of_a_slow_change_in_noise(plant, hidden, noise, seed, told) -> 
     assert set_of(found) == told
 
 
+def test_what_explains_more_but_is_of_no_known_size_is_in_the_set() -> None:
+    """Under one sine a film's lag makes what a breakaway does; of how long it is little is told."""
+    data = record(["breakaway:amplitude=3.5,length=3.18e-5,rest_speed=0.00214"], segments=ONE_SINE, seed=2)
+    some = chosen("sensor_lowpass", "breakaway", "frictional_lag")
+    (found,) = diagnose([data], Config(), catalogue=some).effects
+    assert found.name == "breakaway"
+    assert "frictional_lag" in found.rivals
+
+
 def test_a_difference_below_what_no_cause_explains_makes_a_rival() -> None:
     cause = Cause("sensor_lowpass", None, 10.0, ("presliding",), {"time_delay": 0.3, "backlash": 2.0})
     assert cause.within(0.2).rivals == ("presliding",)
@@ -313,6 +323,14 @@ def test_unlike_memories_of_a_curve_are_no_cause(hidden, wrong, found) -> None:
     result = diagnose([record(hidden, plant="parallel_memory")], with_theory(**wrong), catalogue=some)
     assert set(names(result)) == found
     assert hidden or result.unexplained_percent > 5.0
+
+
+def test_a_small_mass_beside_a_curve_of_unlike_memories_is_none() -> None:
+    """They explain 0.96 of what a mass of 0.5 g does, and what the pressure says of the curve 300 times as much."""
+    parts = [segment(t, psi, 1.0) for psi in (50.0, 200.0, 200.0, 50.0) for t in (0.25, 0.5)]
+    data = simulate(Scenario(tuple(parts), "parallel_memory", 5000.0, 0.01, 2, ())).samples
+    some = chosen("pressure_dependence", "inertia")
+    assert names(diagnose([data], with_theory(boundary_friction=1.4), catalogue=some)) == ["pressure_dependence"]
 
 
 def test_unlike_memories_are_no_finer_curve() -> None:

@@ -3,7 +3,14 @@
 from collections.abc import Sequence
 
 from friction_estimator.diagnosis.candidate import Candidate, Model
-from friction_estimator.diagnosis.causes import FORMS_SHARE, LATER_SHARE, LEAST_SHARE, Cause, least_further_N2
+from friction_estimator.diagnosis.causes import (
+    FORMS_SHARE,
+    LATER_SHARE,
+    LEAST_SHARE,
+    MISFIT_SHARE,
+    Cause,
+    least_further_N2,
+)
 from friction_estimator.diagnosis.doubts import Doubts
 from friction_estimator.diagnosis.views import SECOND_LEFT, Views
 from friction_estimator.effects.base import REVERSAL, SLOW
@@ -50,7 +57,7 @@ class Guards:
             return False
         if best.name in self._views.with_pressure(model) and not self.beyond_pressure(model, best):
             return False
-        return self._stands(model, best) and self._known(best) and self._beyond_memory(model, best)
+        return self._stands(model, best) and self._known(best) and self._beyond_memory(model, best, causes)
 
     def _known(self, best: Candidate) -> bool:
         """Return whether something is told of the size of a cause.
@@ -76,12 +83,14 @@ class Guards:
                 return True
         return False
 
-    def _beyond_memory(self, model: Model, best: Candidate) -> bool:
+    def _beyond_memory(self, model: Model, best: Candidate, causes: Sequence[Cause]) -> bool:
         """Return whether a cause, or it with the one that would come after it, is more than unlike memories would be.
 
-        Where two causes are left the memories make up for both.
+        Where two causes are left the memories make up for both. Beside a much larger cause it must be clearly more:
+        what that one says of the curve, memories of the curve may say as well.
         """
-        ample = is_ample(model, best)
+        largest_N2 = max((cause.gain for cause in causes), default=0.0)
+        ample = is_ample(model, best) and best.gain >= MISFIT_SHARE * largest_N2
         if self.doubts.beyond_memory(model, best, best.gain, ample):
             return True
         after = [one.gain for one in self._views.followers(best.model)]

@@ -167,13 +167,9 @@ class Searcher:
                 so_far.asked.append(best.name)
                 continue
             p_value = view.p_value(best.effect, best.held_N2) if by_data else None
-            # What explains as much, but of a size that the record does not tell, is not named; nor is it ruled out. Of
-            # slow changes nor is one that explains more: over how long it goes on is what the record does not tell.
-            as_good = [
-                c.name
-                for c in equals(best, [r.one for r in refused if r.unsized])
-                if equals(c, [best]) or c.effect.acts == best.effect.acts == SLOW
-            ]
+            # What explains as much or more, but of a size that the record does not tell, is not named; nor is it ruled
+            # out.
+            as_good = [c.name for c in equals(best, [r.one for r in refused if r.unsized])]
             rivals = tuple(dict.fromkeys([*rivals, *as_good, *self._other_slow(model, best)]))
             self._before[best.name] = so_far.copy()
             causes.append(Cause(best.name, p_value, best.gain, rivals, behind))
