@@ -86,11 +86,11 @@ class Guards:
     def _beyond_memory(self, model: Model, best: Candidate, causes: Sequence[Cause]) -> bool:
         """Return whether a cause, or it with the one that would come after it, is more than unlike memories would be.
 
-        Where two causes are left the memories make up for both. Beside a much larger cause it must be clearly more:
-        what that one says of the curve, memories of the curve may say as well.
+        Where two causes are left the memories make up for both. Beside a much larger one that says of a recorded
+        variable that the curve is another one it must be clearly more: the memory of that curve may be another, too.
         """
-        largest_N2 = max((cause.gain for cause in causes), default=0.0)
-        ample = is_ample(model, best) and best.gain >= MISFIT_SHARE * largest_N2
+        recorded_N2 = max((c.gain for c in causes if self._views.catalogue[c.name].recorded), default=0.0)
+        ample = is_ample(model, best) and best.gain >= MISFIT_SHARE * recorded_N2
         if self.doubts.beyond_memory(model, best, best.gain, ample):
             return True
         after = [one.gain for one in self._views.followers(best.model)]
