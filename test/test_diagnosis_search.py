@@ -85,7 +85,7 @@ def test_a_bias_is_named_beside_directions_that_are_unlike() -> None:
 
 @pytest.mark.parametrize(
     ("biases", "told"),
-    [((0.3, -0.2), {"bias": 0.3, "bias_2": -0.2}), ((0.3, 0.3), {"bias": 0.3})],
+    [((0.3, -0.2), {"bias": 0.3, "bias_recording_2": -0.2}), ((0.3, 0.3), {"bias": 0.3})],
     ids=["of each", "the same"],
 )
 def test_each_of_several_recordings_may_have_a_zero_of_its_own(biases, told) -> None:

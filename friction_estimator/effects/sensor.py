@@ -55,6 +55,7 @@ class SensorBias(Effect):
         {
             "direction_asymmetry": "look at the samples at standstill: a bias is there, an asymmetry is not",
             "bias_step": "record before and after re-zeroing the sensor: a bias is there from the first sample",
+            "sensor_drift": "rest periods at both ends of a recording: a bias is the same there, a drift is not",
         },
     )
 
@@ -91,7 +92,7 @@ class SensorBias(Effect):
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:  # noqa: ARG003
         """Bias in N; where each recording has its own, that of the first, and then of the others by their number."""
-        names = ["bias", *(f"bias_{number}" for number in range(2, weights.size + 1))]
+        names = ["bias", *(f"bias_recording_{number}" for number in range(2, weights.size + 1))]
         return {name: (float(weight), "N") for name, weight in zip(names, weights, strict=True)}
 
 
