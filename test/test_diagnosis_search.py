@@ -95,8 +95,10 @@ def test_each_of_several_recordings_may_have_a_zero_of_its_own(biases, told) -> 
     assert names(found) == ["sensor_bias"]
     assert {n: v.value for n, v in found.effects[0].parameters.items()} == pytest.approx(told, abs=0.01)
     assert found.unexplained_percent < 2.0
-    # What differs between recordings says nothing of the next one.
-    assert any(extended_config(found).learned.extension_weights) == (len(told) == 1)
+    extended = extended_config(found)
+    assert extended.learned.extension_weights == pytest.approx([np.mean(biases)], abs=0.01)
+    (term,) = extended.extension.terms
+    assert "recordings" not in term
 
 
 @pytest.mark.parametrize("hidden", [[], ["breakaway:size=0.04,length=3e-5"]])

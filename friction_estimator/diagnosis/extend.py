@@ -88,13 +88,14 @@ def terms_of(model: Joint, reference: Reference) -> tuple[list[TermSpec], list[f
     specs: list[TermSpec] = []
     weights: list[float] = []
     for term in model.terms:
-        fitted, own = (_rms(term.effect.columns(term.params)(model.features, r)) for r in (model.reference, reference))
+        effect = term.effect
+        params, told = effect.elsewhere(term.params, term.weights)
+        fitted, own = (_rms(effect.columns(params)(model.features, r)) for r in (model.reference, reference))
         for part, scale in enumerate(own.tolist()):
-            specs.append(TermSpec(term.effect, dict(term.params), part, scale, measured(term.effect, model.features)))
-            # What is of coefficient one is so of its own column. A wave has the phase of the recording that it was
-            # measured in, and a zero may be that of one recording; elsewhere they are learned anew.
-            size = scale if term.effect.fixed_gain else float(fitted[part])
-            weights.append(0.0 if term.effect.of_one_recording(term.params) else float(term.weights[part]) * size)
+            specs.append(TermSpec(effect, params, part, scale, measured(effect, model.features)))
+            # What is of coefficient one is so of its own column.
+            size = scale if effect.fixed_gain else float(fitted[part])
+            weights.append(float(told[part]) * size)
     return specs, weights
 
 

@@ -142,6 +142,7 @@ class Effect:
     acts : "everywhere"; "reversal" where the columns act shortly after reversals only; "slow" where they are a function
         of the time or the distance run.
     many : True where the grid has hundreds of points: a bootstrap of its own, and a gain in most blocks.
+    has_phase : True where the columns are waves in time: their coefficients are of one recording, and of none else.
     recorded : True where a recorded variable is the cause: preferred to unrecorded causes that change with it.
     about_curve : True where the effect says that the static curve F(v; p) is another one: a wrong theory may bring it.
         Clipping and bias are none of these: they would blame the sensor for it.
@@ -175,6 +176,7 @@ class Effect:
     shares: ClassVar[tuple[str, ...]] = ()
     acts: ClassVar[str] = EVERYWHERE
     many: ClassVar[bool] = False
+    has_phase: ClassVar[bool] = False
     recorded: ClassVar[bool] = False
     about_curve: ClassVar[bool] = False
     delays: ClassVar[bool] = False
@@ -242,9 +244,9 @@ class Effect:
         return cls.reveals == "position_m"
 
     @classmethod
-    def of_one_recording(cls, params: Params) -> bool:  # noqa: ARG003
-        """Return whether coefficients of this form are of the recording that they were fitted on, and of no other."""
-        return False
+    def elsewhere(cls, params: Params, weights: Floats) -> tuple[dict[str, float], Floats]:
+        """Return the form and the coefficients that hold for a recording that was not fitted (default the same)."""
+        return dict(params), weights
 
     @classmethod
     def variants(cls, params: Params) -> list[dict[str, float]]:  # noqa: ARG003

@@ -88,9 +88,9 @@ class ExtensionTerms:
         return len(self._specs)
 
     @property
-    def of_one_recording(self) -> Bools:
-        """Which coefficients say nothing of another recording, (size,): of waves in time, of a zero of each."""
-        return np.array([spec.effect.of_one_recording(spec.params) for spec in self._specs], np.bool_)
+    def phases(self) -> Bools:
+        """Which columns are waves in time, (size,): their coefficients say nothing of another recording."""
+        return np.array([spec.effect.has_phase for spec in self._specs], np.bool_)
 
     @property
     def forces(self) -> Bools:

@@ -197,6 +197,7 @@ class PeriodicDisturbance(Effect):
     family = "periodic"
     stage = "mechanics"
     many = True
+    has_phase = True
     keys = (
         Key("amplitude", "N", 0.2, 0.0, 1e6, "amplitude"),
         Key("frequency", "Hz", 13.7, 1e-3, 1e5, "frequency"),
@@ -238,9 +239,9 @@ class PeriodicDisturbance(Effect):
         return Columns(compute, 2 * count * round(params.get(RECORDINGS, 1.0)))
 
     @classmethod
-    def of_one_recording(cls, params: Params) -> bool:  # noqa: ARG003
-        """Always: where in its cycle another recording begins nobody knows."""
-        return True
+    def elsewhere(cls, params: Params, weights: Floats) -> tuple[dict[str, float], Floats]:
+        """Nothing: where in its cycle another recording begins nobody knows; it is learned anew."""
+        return dict(params), np.zeros_like(weights)
 
     @classmethod
     def variants(cls, params: Params) -> list[dict[str, float]]:

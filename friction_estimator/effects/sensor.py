@@ -76,12 +76,12 @@ class SensorBias(Effect):
     @classmethod
     def plainer(cls, params: Params) -> list[dict[str, float]]:
         """The same constant in all recordings."""
-        return [{}] if cls.of_one_recording(params) else []
+        return [{}] if RECORDINGS in params else []
 
     @classmethod
-    def of_one_recording(cls, params: Params) -> bool:
-        """Where each recording has a zero of its own."""
-        return RECORDINGS in params
+    def elsewhere(cls, params: Params, weights: Floats) -> tuple[dict[str, float], Floats]:  # noqa: ARG003
+        """The mean of what was fitted: each recording may have a zero of its own."""
+        return {}, np.array([weights.mean()])
 
     @classmethod
     def columns(cls, params: Params) -> Columns:

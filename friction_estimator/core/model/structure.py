@@ -43,8 +43,8 @@ class Extension(Protocol):
         """Cause of each column."""
 
     @property
-    def of_one_recording(self) -> Bools:
-        """Which columns have coefficients that say nothing of another recording, (size,)."""
+    def phases(self) -> Bools:
+        """Which columns are waves in time, (size,): their coefficients say nothing of another recording."""
 
     @property
     def forces(self) -> Bools:

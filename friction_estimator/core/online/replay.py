@@ -181,14 +181,14 @@ class Replay:
         """Predict another recording with the values learned, frozen, (n,) N; see `judge`."""
         parameters = self.parameters
         if extension is not None:
-            weights = np.where(extension.of_one_recording, 0.0, parameters.extension_weights)
+            weights = np.where(extension.phases, 0.0, parameters.extension_weights)
             parameters = replace(parameters, extension_weights=weights)
         return predict(samples, self.estimator.config, parameters, extension)
 
     def judge(self, name: str, samples: Samples, extension: Extension | None = None) -> Judged:
         """Predict another recording with the values learned, frozen; delay lines start afresh, nothing changes here.
 
-        Waves in time, and a zero of each recording, are left out: which they have there, nobody knows.
+        Waves in time are left out: which phase they have there, nobody knows.
 
         Parameters
         ----------
