@@ -71,7 +71,8 @@ class SensorBias(Effect):
     @classmethod
     def peaks(cls, residual_N: Floats, features: Features, context: Context) -> list[dict[str, float]]:  # noqa: ARG003
         """A constant of each recording, where there are several: the zero may be another one in each."""
-        return [form for form in [several(features)] if form]
+        own = several(features)
+        return [own] if own else []
 
     @classmethod
     def plainer(cls, params: Params) -> list[dict[str, float]]:
