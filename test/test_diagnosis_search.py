@@ -101,6 +101,19 @@ def test_each_of_several_recordings_may_have_a_zero_of_its_own(biases, told) -> 
     assert "recordings" not in term
 
 
+def test_a_cause_whose_plain_form_has_the_wrong_sign_is_fitted_in_another_one() -> None:
+    """Wear was told for warming that screening had seen in its plain form: the fit of that turned its sign."""
+    hidden = ["viscosity_drift:drop=0.2,time_constant=20"]
+    samples = record(hidden, plant="stribeck", segments=ONE_PRESSURE, noise=0.03)
+    fits = searcher_on(samples, "viscosity_drift").fits
+    plain = fits.base(), "viscosity_drift", {"time_constant": 20.0}
+    assert fits(*plain) is None
+    found = fits.in_some_form(*plain)
+    assert found is not None
+    assert is_free(found.term.params)
+    assert found.gain > 0.0
+
+
 @pytest.mark.parametrize("hidden", [[], ["breakaway:size=0.04,length=3e-5"]])
 def test_an_alternative_is_a_cause_of_its_own_where_the_first_one_leaves_much(hidden) -> None:
     """Bristles are this plant's own; breakaway is of the same family."""

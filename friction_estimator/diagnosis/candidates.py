@@ -72,6 +72,14 @@ class Candidates:
             self._known[key] = self._fitted(model, name, params, search)
         return self._known[key]
 
+    def in_some_form(self, model: Model, name: str, params: Mapping[str, float]) -> Candidate | None:
+        """Return the effect beside the model, in its best other form where this one cannot be; None where none can."""
+        one = self(model, name, params)
+        if one is not None:
+            return one
+        others = (self(model, name, form) for form in self.catalogue[name].variants(params))
+        return max((other for other in others if other is not None), key=lambda other: other.gain, default=None)
+
     def beside(self, model: Model) -> list[Candidate]:
         """Return what was fitted beside a model so far and can be a cause, by its name and its form, oldest first."""
         return [one for (known, _, _), one in self._known.items() if known is model and one is not None]

@@ -126,7 +126,7 @@ class Comparison:
         top += [s for s in passing if s.hypothesis.effect.acts == REVERSAL and s.name not in known][:3]
         known = {s.name for s in top}
         top += [s for s in passing if s.hypothesis.effect.delays and s.name not in known]
-        fitted = [self._fits(model, s.name, s.params) for s in top]
+        fitted = [self._fits.in_some_form(model, s.name, s.params) for s in top]
         found = {c.name: c for c in fitted if c is not None}
         enough = CLOSE * max((c.gain for c in found.values()), default=0.0)
         # What comes close is looked at in its best form anyway.
