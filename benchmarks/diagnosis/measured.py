@@ -7,7 +7,7 @@ What a machine says of itself, with nothing hidden, is not judged: nobody knows 
 beside that. Each effect changes the recorded force (or velocity) by `--size` of the force's rms, along the motion that
 was recorded. What acts through the curve of friction acts on a Coulomb and viscous fit of the machine; the rest of the
 measured force stays. One JSON line a record goes to benchmarks/out/; a run that was interrupted goes on where it
-stopped. Seeds 0 and 1 are for tuning, 2 to 4 were looked at. Set OPENBLAS_NUM_THREADS=1.
+stopped. Seeds 0 and 1 are for tuning, 2 to 5 were looked at. Set OPENBLAS_NUM_THREADS=1.
 """
 
 import argparse
