@@ -245,8 +245,11 @@ class Effect:
 
     @classmethod
     def elsewhere(cls, params: Params, weights: Floats) -> tuple[dict[str, float], Floats]:
-        """Return the form and the coefficients that hold for a recording that was not fitted (default the same)."""
-        return dict(params), weights
+        """Return the form and the coefficients that hold for a recording that was not fitted (default the same).
+
+        Where in its cycle a wave in time begins there nobody knows: it is learned anew.
+        """
+        return dict(params), np.zeros_like(weights) if cls.has_phase else weights
 
     @classmethod
     def variants(cls, params: Params) -> list[dict[str, float]]:  # noqa: ARG003

@@ -96,13 +96,18 @@ RECORDINGS = "recordings"
 """Parameter of columns that have coefficients of their own in each recording: the number of recordings."""
 
 
+def recordings(params: Mapping[str, float]) -> int:
+    """Return how many recordings have coefficients of their own, 1 where all share them."""
+    return round(params.get(RECORDINGS, 1.0))
+
+
 def per_recording(columns: Floats, features: Features, params: Mapping[str, float]) -> Floats:
     """Return (n, c) columns as (n, c recordings): each recording has coefficients of its own.
 
     Clocks, encoders and force sensors may have another zero in each. A recording beyond those that were fitted takes
     the last ones.
     """
-    count = round(params.get(RECORDINGS, 1.0))
+    count = recordings(params)
     if count == 1:
         return columns
     number = np.minimum(features.recording, count - 1)
@@ -117,7 +122,7 @@ def amplitudes(weights: Floats, params: Mapping[str, float], held: Sequence[Sequ
     `held` : for each recording the samples that tell its amplitude, one number for all pairs or one for each in turn:
     a recording counts as much as it has of them. Where it is not known all count alike.
     """
-    count = round(params.get(RECORDINGS, 1.0))
+    count = recordings(params)
     squares = np.square(weights).reshape(count, -1, 2).sum(axis=2)
     if len(held) != count or count == 1:
         return np.asarray(np.sqrt(squares.mean(axis=0)))

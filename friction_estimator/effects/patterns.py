@@ -7,7 +7,7 @@ import numpy as np
 from friction_estimator.core.quantities import POSITION, quantity
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import Effect, Key, Params, Stated, Words, effect, form_key
-from friction_estimator.effects.columns import RECORDINGS, Columns, SideBySide, amplitudes, per_recording, several
+from friction_estimator.effects.columns import Columns, SideBySide, amplitudes, per_recording, recordings, several
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import chosen, longest_piece_s
 from friction_estimator.effects.kernels import wave_comb, waves
@@ -98,7 +98,7 @@ class PositionDependence(Effect):
                 made *= np.abs(f.force_N)[:, None]
             return per_recording(made, f, params)
 
-        return Columns(compute, 4 * len(lengths) * round(params.get(RECORDINGS, 1.0)), of_force=modulates)
+        return Columns(compute, 4 * len(lengths) * recordings(params), of_force=modulates)
 
     @classmethod
     def side_by_side(cls, points: Sequence[Params]) -> Columns | SideBySide:
@@ -236,12 +236,7 @@ class PeriodicDisturbance(Effect):
             return per_recording(np.column_stack(made), f, params)
 
         count = round(params.get("harmonics", 1.0))
-        return Columns(compute, 2 * count * round(params.get(RECORDINGS, 1.0)))
-
-    @classmethod
-    def elsewhere(cls, params: Params, weights: Floats) -> tuple[dict[str, float], Floats]:
-        """Nothing: where in its cycle another recording begins nobody knows; it is learned anew."""
-        return dict(params), np.zeros_like(weights)
+        return Columns(compute, 2 * count * recordings(params))
 
     @classmethod
     def variants(cls, params: Params) -> list[dict[str, float]]:

@@ -8,7 +8,7 @@ import numpy as np
 from friction_estimator.core.quantities import FORCE, quantity
 from friction_estimator.core.sample import Floats
 from friction_estimator.effects.base import Effect, Key, Params, Stated, Words, effect, form_key
-from friction_estimator.effects.columns import RECORDINGS, Columns, per_recording, several
+from friction_estimator.effects.columns import Columns, per_recording, recordings, several
 from friction_estimator.effects.detection import MASKED, NOT_REPAIRED, DataView, Fault
 from friction_estimator.effects.features import Context, Features
 from friction_estimator.effects.grids import below
@@ -77,7 +77,7 @@ class SensorBias(Effect):
     @classmethod
     def plainer(cls, params: Params) -> list[dict[str, float]]:
         """The same constant in all recordings."""
-        return [{}] if RECORDINGS in params else []
+        return [{}] if recordings(params) > 1 else []
 
     @classmethod
     def elsewhere(cls, params: Params, weights: Floats) -> tuple[dict[str, float], Floats]:  # noqa: ARG003
@@ -87,8 +87,7 @@ class SensorBias(Effect):
     @classmethod
     def columns(cls, params: Params) -> Columns:
         """Return the constant 1, for each recording where each has a zero of its own."""
-        count = round(params.get(RECORDINGS, 1.0))
-        return Columns(lambda f, _r, _s: per_recording(np.ones((f.size, 1)), f, params), count)
+        return Columns(lambda f, _r, _s: per_recording(np.ones((f.size, 1)), f, params), recordings(params))
 
     @classmethod
     def physical(cls, params: Params, weights: Floats, context: Context) -> Stated:  # noqa: ARG003
