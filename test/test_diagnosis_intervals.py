@@ -148,9 +148,9 @@ def test_the_growth_of_a_breakaway_force_with_the_dwell_is_compared() -> None:
 
 def test_other_fits_of_a_cause_count_also_where_the_one_before_it_was_dropped() -> None:
     fits, base, slow = of_a_slow_breakaway()
-    mass = fits(base, "inertia", {})
-    assert mass is not None
-    after = fits(mass.model, "breakaway", slow.term.params | {"exponent": 0.5})
+    bias = fits(base, "sensor_bias", {})
+    assert bias is not None
+    after = fits(bias.model, "breakaway", slow.term.params | {"exponent": 0.5})
     assert after is not None
     alone = fits.without(after.model, 0)
     assert alone.joint.terms[0].params["exponent"] == 0.5

@@ -49,9 +49,9 @@ def test_the_set_is_what_is_hidden_and_the_plants_trait(hidden, plant, segments,
     assert set(names(result)) == found
 
 
-def searcher_on(samples: Samples, *some: str) -> Searcher:
-    """Return the search on one recording beside the seal's theory, for some effects alone."""
-    seal = Config.from_mapping({"theory.kind": "seal"})
+def searcher_on(samples: Samples, *some: str, **factors: float) -> Searcher:
+    """Return the search on one recording for some effects alone, beside the seal's theory (`with_theory`)."""
+    seal = with_theory(**factors).updated({"theory.kind": "seal"})
     data = build_record([samples], seal)
     return Searcher(data, seal, data.context(seal, float(np.abs(data.friction_N).max())), chosen(*some), 0)
 
@@ -457,6 +457,15 @@ def test_a_small_delay_that_no_form_of_a_trait_makes_is_named() -> None:
     result = diagnose([samples], Config(), catalogue=some)
     assert names(result) == ["direction_asymmetry", "time_delay"]
     assert result.effects[1].parameters["delay"].value == pytest.approx(0.00015, abs=5e-5)
+
+
+def test_a_small_filter_that_brings_most_of_its_gain_beside_other_forms_is_named() -> None:
+    """Beside other forms of the bristles it brings 0.74 of that on held-out data; the rest is saved by the memory."""
+    drive = tuple(segment(t, psi, s) for psi in (50.0, 200.0, 200.0, 50.0) for t, s in ((1.0, 15.0), (5.0, 35.0)))
+    hidden = (parse_effect("sensor_lowpass:time_constant=0.001"),)
+    data = simulate(Scenario(drive, "maxwell_slip", 100.0, 0.03, 1, hidden)).samples
+    found = diagnose([data], Config(), catalogue=chosen("presliding", "time_delay", "sensor_lowpass")).effects
+    assert [e.name for e in found] == ["presliding", "sensor_lowpass"]
 
 
 @pytest.mark.parametrize(("at_s", "left"), [(36.0, 3.0), (30.0, 8.0)])

@@ -349,6 +349,22 @@ def test_an_element_that_slips_forth_and_back_within_a_sample_remembers_both() -
     np.testing.assert_allclose(found, exact[::fine], atol=2e-3)
 
 
+@pytest.mark.parametrize("rest", [1, 4])
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_the_dwell_before_a_reversal_ends_where_the_way_back_begins(rest: int, way: float) -> None:
+    """A sample at rest in between, as sines of a whole number of samples have, is no part of the way back."""
+    from friction_estimator.effects.kernels import rest_spike
+
+    dt, slope = 0.005, 1e-3
+    ramp = slope * np.arange(1.0, 6.0)
+    v = way * np.concatenate([ramp[::-1], np.zeros(rest), -ramp])
+    out = np.empty(v.size)
+    slow = np.concatenate([v[:1], v[:-1]])
+    rest_spike(np.full(v.size, dt), slow, v, 1e30, 2.5 * slope, 1.0, np.zeros(4), out)
+    assert np.all(out[: 5 + rest] == 0.0)
+    np.testing.assert_allclose(out[5 + rest :], -way * (2.5 + rest - 1) * dt)
+
+
 def test_features_integrate_position_where_none_is_recorded(samples: Samples) -> None:
     made = FeatureMaker(0.0, 0.0, 20.0)(replace(samples, position_m=None, restart=np.zeros(len(samples), np.bool_)))
     recorded = samples.position_m

@@ -29,8 +29,8 @@ unlike memories of the base where it is small."""
 TIME_BESIDE_FORMS = 0.03
 """Of its gain: what a time of the whole force must bring beside them."""
 
-NO_FORM = 0.75
-"""Of its gain: what a cause that is no form of an earlier one brings beside these."""
+NO_FORM = 0.5
+"""Of its gain on held-out data: what a time that is no form of an earlier cause brings beside all of these."""
 
 UNDONE = 0.5
 """Of a time that the force is ahead by: what the base's memory may not take back."""
@@ -124,8 +124,11 @@ class Doubts:
         return lack.beside(taken_off_N) >= WITHIN * one.gain or (whole and lack.alone_N2 < one.gain)
 
     def no_form(self, model: Model, one: Candidate) -> bool:
-        """Return whether an effect brings nearly all of its gain beside other forms of the causes in the model, too."""
-        return self._beside(model, OtherForms).beside(one.model.joint.parts_N[-1]) >= NO_FORM * one.gain
+        """Return whether an effect brings most of what it gains beside other forms of the causes in the model, too.
+
+        On held-out data: what it saves of the memory's prior they cannot make.
+        """
+        return self._beside(model, OtherForms).beside(one.model.joint.parts_N[-1]) >= NO_FORM * one.held_N2
 
     def within_pressures(self, model: Model, one: Candidate, least_N2: float) -> bool:
         """Return whether an effect brings as much as this beside any dependence on the recorded pressure."""

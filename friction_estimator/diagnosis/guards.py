@@ -122,9 +122,12 @@ class Guards:
         return self._views.left_N2(best.model) < WHOLE * best.gain
 
     def brings_share(self, model: Model, best: Candidate, causes: Sequence[Cause]) -> bool:
-        """Return whether a cause brings enough beside the first one, or of what is left above the floor."""
+        """Return whether a cause brings enough beside the first one, or of what is left above the floor.
+
+        Alone it must bring its share with what it costs the prior of the memory, too.
+        """
         if not causes:
-            return True
+            return best.by_evidence or best.gain >= LEAST_SHARE * float(model.loss.sum())
         if self.in_time_alone(model, best.model):
             return best.held_N2 >= LEAST_SHARE * float(model.loss.sum())
         left = self._views.left_N2(model)

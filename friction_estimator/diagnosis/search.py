@@ -7,12 +7,22 @@ from functools import partial
 
 from friction_estimator.core.settings.config import Config
 from friction_estimator.diagnosis.base_problem import Capacity
-from friction_estimator.diagnosis.candidate import Candidate, Model, equals, gain_parts
+from friction_estimator.diagnosis.candidate import SET_ERRORS, Candidate, Model, equals, gain_parts
 from friction_estimator.diagnosis.capacity import in_words, wider
-from friction_estimator.diagnosis.causes import FORMS_SHARE, LATER_SHARE, Cause, Search, as_misfit
+from friction_estimator.diagnosis.causes import (
+    FORMS_SHARE,
+    LATER_SHARE,
+    LEAST_SHARE,
+    SMALL_SHARE,
+    Cause,
+    Search,
+    as_misfit,
+)
 from friction_estimator.diagnosis.comparison import Comparison
 from friction_estimator.diagnosis.guards import Guards, later_N2
+from friction_estimator.diagnosis.held_out import error_of_sum
 from friction_estimator.diagnosis.joint import is_constant
+from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import Record
 from friction_estimator.diagnosis.views import Catalogue, Views
 from friction_estimator.effects.base import SLOW
@@ -64,6 +74,11 @@ class _Found:
         """Return this as it is now; neither changes the other."""
         return _Found(**{item.name: copy(getattr(self, item.name)) for item in fields(self)})
 
+    def become(self, other: "_Found") -> None:
+        """Hold what another one holds."""
+        for item in fields(self):
+            setattr(self, item.name, getattr(other, item.name))
+
 
 class Searcher:
     """The search on one record.
@@ -109,11 +124,18 @@ class Searcher:
         self._extend(found, progress)
         if self._reform(found):
             self._extend(found, progress)
+        while self._drop_small(found):
+            self._extend(found, progress)
         doubtful = [r.one for r in found.refused if r.doubtful]
         formed = {name for name, cls in self.views.catalogue.items() if cls.formed()}
-        sure = self._sure(found.models[-1])
-        while (place := as_misfit(found.causes, formed, self.views.left_N2(found.models[-1]), sure)) is not None:
+        sure, judged = self._sure(found.models[-1]), found.causes
+        while (place := as_misfit(judged, formed, self.views.left_N2(found.models[-1]), sure)) is not None:
+            gain = self._beside_all(found.models[-1], place)
+            if gain > judged[place].gain:  # little alone, but not beside those that were named after it
+                judged = [replace(c, gain=gain) if k == place else c for k, c in enumerate(judged)]
+                continue
             doubtful += self._drop(found, place)
+            judged = found.causes
         causes, models, view = found.causes, found.models, self.views.of(found.models[-1])
         left = self.views.left_N2(models[-1])
         steps = zip(causes, models, models[1:], strict=False)
@@ -133,8 +155,8 @@ class Searcher:
 
     def _extend(self, so_far: _Found, progress: Progress) -> None:
         """Name causes beside those that there are, until nothing passes the gate."""
-        causes, models, refused = so_far.causes, so_far.models, so_far.refused
         while True:
+            causes, models, refused = so_far.causes, so_far.models, so_far.refused
             model = models[-1]
             progress(f"screening for cause {len(causes) + 1}", 0.15 + 0.12 * len(causes))
             view = self.views.of(model)
@@ -157,6 +179,8 @@ class Searcher:
             by_data = self.views.passes(model, best)
             weaker = [r.one for r in refused if r.weak]
             if not self.guards.admit(model, best, by_data, causes) or not self.guards.apart(best, weaker):
+                if self._exchange(so_far, best):
+                    continue
                 weak, sized = not self.guards.enough(model, best, causes), by_data and self.fits.known_sign(best)
                 unsized = by_data and not sized and not weak
                 refused.append(_Refused(best, weak, unsized, sized and self.guards.brings_share(model, best, causes)))
@@ -188,6 +212,72 @@ class Searcher:
         view = self.views.of(model)
         passing = (s for s in view.screened if s.gain > view.needed[s.name] and s.name != best.name)
         return [s.name for s in passing if s.hypothesis.effect.acts == SLOW]
+
+    def _exchange(self, found: _Found, best: Candidate) -> bool:
+        """Take a cause away for which a refused candidate of its family does better; return whether there is one.
+
+        Which of a family explained more was asked before the later causes were known.
+        """
+        model, family = found.models[-1], best.effect.family
+        for place, cause in enumerate(found.causes):
+            if self.views.catalogue[cause.name].family != family:
+                continue
+            better = model.loss - self.fits.without(best.model, place).loss
+            if float(better.sum()) < max(later_N2(model), SET_ERRORS * error_of_sum(better)):
+                continue
+            trial = found.copy()
+            self._drop(trial, place)
+            trial.dropped.add(cause.name)
+            trial.refused.clear()
+            fewer = trial.models[-1]
+            instead = self.fits(fewer, best.name, best.term.params)
+            if instead is None or not self.guards.admit(
+                fewer, instead, self.views.passes(fewer, instead), trial.causes
+            ):
+                continue
+            # It is named as any other, with what it cannot be told from.
+            won = self.comparison.winner(fewer, trial.causes, {*trial.asked, *trial.dropped})
+            if won is not None and won[0].name == best.name:
+                found.become(trial)
+                return True
+        return False
+
+    def _drop_small(self, found: _Found) -> bool:
+        """Take a cause away that no longer brings what one beside the others must; return whether there is one.
+
+        It was named before the others were known, and made what they make. The last one was named beside all others.
+        """
+        model, causes = found.models[-1], found.causes
+        loss_N2 = float(model.loss.sum())
+        # Where it brings this it would be named as the last one, too.
+        enough_N2 = min(LEAST_SHARE * (loss_N2 + sum(cause.gain for cause in causes)), SMALL_SHARE * loss_N2)
+        for place, cause in enumerate(causes[:-1]):
+            if cause.p_value is None or self._beside_all(model, place) >= enough_N2:
+                continue
+            trial, gone = found.copy(), model.joint.terms[place]
+            beside = self._drop(trial, place)
+            if beside and self.guards.brings_share(trial.models[-1], beside[0], trial.causes):
+                continue
+            self._add_rival(trial, gone)
+            trial.dropped.add(cause.name)
+            trial.refused.clear()
+            found.become(trial)
+            return True
+        return False
+
+    def _add_rival(self, found: _Found, gone: Term) -> None:
+        """Put what was taken away into the set of each cause in whose place it would explain as much."""
+        model = found.models[-1]
+        for place, term in enumerate(model.joint.terms):
+            fewer = self.fits.without(model, place)
+            here, there = (self.fits(fewer, one.name, one.params, search=False) for one in (term, gone))
+            if here is not None and there is not None and equals(here, [there]):
+                cause = found.causes[place]
+                found.causes[place] = replace(cause, rivals=tuple(dict.fromkeys([*cause.rivals, gone.name])))
+
+    def _beside_all(self, model: Model, place: int) -> float:
+        """Return what a cause of a model brings beside all others, N^2."""
+        return sum(gain_parts(self.fits.without(model, place), model))
 
     def _drop_needless(self, found: _Found) -> None:
         """Take away what the last cause has made needless; how well that did without it stays known."""

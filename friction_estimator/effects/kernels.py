@@ -85,10 +85,9 @@ def rest_spike(step, previous, velocity, length, rest_speed, exponent, state, ou
         v0, v1, dt = previous[k], velocity[k], step[k]
         reversed_ = v1 != 0.0 and state[3] != 0.0 and (v1 > 0.0) != (state[3] > 0.0)
         slope = abs(v1 - v0)
-        if v0 * v1 < 0.0:
-            part = v0 / (v0 - v1)
-            slow = dt if slope == 0.0 else min(part * dt, rest_speed / slope * dt)
-            state[0] += slow
+        if reversed_ and v0 != v1 and v0 * v1 <= 0.0:
+            part = v0 / (v0 - v1)  # at rest in the last sample: the step belongs to the way back
+            state[0] += min(part * dt, rest_speed / slope * dt)
             moved = 0.5 * abs(v1) * dt * (1.0 - part)
         else:
             moved = 0.5 * abs(v0 + v1) * dt
