@@ -18,7 +18,7 @@ from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import build_record
 from friction_estimator.diagnosis.result import Diagnosis, Found
-from friction_estimator.diagnosis.search import Searcher, _Found
+from friction_estimator.diagnosis.search import Searcher, _Found, _Refused
 from friction_estimator.diagnosis.time_alone import FEWEST, TimeAlone, _alike
 from friction_estimator.effects import EFFECTS, parse_effect
 from friction_estimator.effects.base import SLOW
@@ -309,13 +309,18 @@ def test_the_set_of_a_slow_change_in_noise(plant, hidden, noise, seed, told) -> 
     assert set_of(found) == told
 
 
-def test_what_explains_more_but_is_of_no_known_size_is_in_the_set() -> None:
-    """Under one sine a film's lag makes what a breakaway does; of how long it is little is told."""
+@pytest.mark.parametrize("unsized", [True, False])
+def test_what_explains_as_much_but_is_of_no_known_size_is_in_the_set(unsized) -> None:
+    """Under one sine a film's lag makes what a breakaway does; it is refused where nothing is told of how long it is."""
     data = record(["breakaway:amplitude=3.5,length=3.18e-5,rest_speed=0.00214"], segments=ONE_SINE, seed=2)
-    some = chosen("sensor_lowpass", "breakaway", "frictional_lag")
-    (found,) = diagnose([data], Config(), catalogue=some).effects
-    assert found.name == "breakaway"
-    assert "frictional_lag" in found.rivals
+    searcher = searcher_on(data, "breakaway", "frictional_lag")
+    base = searcher.fits.base()
+    lag = searcher.fits(base, "frictional_lag", {"lag": 0.0006, "rest": 0.9})
+    found = _Found([base], refused=[_Refused(lag, weak=False, unsized=unsized, doubtful=False)])
+    searcher._extend(found, lambda _stage, _part: None)
+    (cause,) = found.causes
+    assert cause.name == "breakaway"
+    assert ("frictional_lag" in cause.rivals) is unsized
 
 
 def test_a_difference_below_what_no_cause_explains_makes_a_rival() -> None:
