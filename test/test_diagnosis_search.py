@@ -311,7 +311,7 @@ def test_the_set_of_a_slow_change_in_noise(plant, hidden, noise, seed, told) -> 
 
 @pytest.mark.parametrize("unsized", [True, False])
 def test_what_explains_as_much_but_is_of_no_known_size_is_in_the_set(unsized) -> None:
-    """Under one sine a film's lag makes what a breakaway does; it is refused where nothing is told of how long it is."""
+    """Under one sine a film's lag makes what a breakaway does; of no known length it is refused."""
     data = record(["breakaway:amplitude=3.5,length=3.18e-5,rest_speed=0.00214"], segments=ONE_SINE, seed=2)
     searcher = searcher_on(data, "breakaway", "frictional_lag")
     base = searcher.fits.base()
