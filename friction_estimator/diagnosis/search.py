@@ -126,16 +126,7 @@ class Searcher:
             self._extend(found, progress)
         while self._drop_small(found):
             self._extend(found, progress)
-        doubtful = [r.one for r in found.refused if r.doubtful]
-        formed = {name for name, cls in self.views.catalogue.items() if cls.formed()}
-        sure, judged = self._sure(found.models[-1]), found.causes
-        while (place := as_misfit(judged, formed, self.views.left_N2(found.models[-1]), sure)) is not None:
-            gain = self._beside_all(found.models[-1], place)
-            if gain > judged[place].gain:  # little alone, but not beside those that were named after it
-                judged = [replace(c, gain=gain) if k == place else c for k, c in enumerate(judged)]
-                continue
-            doubtful += self._drop(found, place)
-            judged = found.causes
+        doubtful = [r.one for r in found.refused if r.doubtful] + self._drop_misfits(found)
         causes, models, view = found.causes, found.models, self.views.of(found.models[-1])
         left = self.views.left_N2(models[-1])
         steps = zip(causes, models, models[1:], strict=False)
@@ -274,6 +265,19 @@ class Searcher:
             if here is not None and there is not None and equals(here, [there]):
                 cause = found.causes[place]
                 found.causes[place] = replace(cause, rivals=tuple(dict.fromkeys([*cause.rivals, gone.name])))
+
+    def _drop_misfits(self, found: _Found) -> list[Candidate]:
+        """Take away what may be what the form of a larger cause lacks (`as_misfit`); return it."""
+        formed = {name for name, cls in self.views.catalogue.items() if cls.formed()}
+        sure, judged, gone = self._sure(found.models[-1]), found.causes, list[Candidate]()
+        while (place := as_misfit(judged, formed, self.views.left_N2(found.models[-1]), sure)) is not None:
+            gain = self._beside_all(found.models[-1], place)
+            if gain > judged[place].gain:  # little alone, but not beside those that were named after it
+                judged = [replace(c, gain=gain) if k == place else c for k, c in enumerate(judged)]
+                continue
+            gone += self._drop(found, place)
+            judged = found.causes
+        return gone
 
     def _beside_all(self, model: Model, place: int) -> float:
         """Return what a cause of a model brings beside all others, N^2."""
