@@ -309,6 +309,14 @@ def test_the_set_of_a_slow_change_in_noise(plant, hidden, noise, seed, told) -> 
     assert set_of(found) == told
 
 
+def test_a_breakaway_under_one_sine_has_a_films_lag_in_its_set() -> None:
+    data = record(["breakaway:amplitude=3.5,length=3.18e-5,rest_speed=0.00214"], segments=ONE_SINE, seed=2)
+    some = chosen("sensor_lowpass", "breakaway", "frictional_lag")
+    (found,) = diagnose([data], Config(), catalogue=some).effects
+    assert found.name == "breakaway"
+    assert "frictional_lag" in found.rivals
+
+
 @pytest.mark.parametrize("unsized", [True, False])
 def test_what_explains_as_much_but_is_of_no_known_size_is_in_the_set(unsized) -> None:
     """Under one sine a film's lag makes what a breakaway does; of no known length it is refused."""

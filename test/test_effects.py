@@ -359,8 +359,8 @@ def test_the_dwell_before_a_reversal_ends_where_the_way_back_begins(rest: int, w
     ramp = slope * np.arange(1.0, 6.0)
     v = way * np.concatenate([ramp[::-1], np.zeros(rest), -ramp])
     out = np.empty(v.size)
-    slow = np.concatenate([v[:1], v[:-1]])
-    rest_spike(np.full(v.size, dt), slow, v, 1e30, 2.5 * slope, 1.0, np.zeros(4), out)
+    before = np.concatenate([v[:1], v[:-1]])
+    rest_spike(np.full(v.size, dt), before, v, 1e30, 2.5 * slope, 1.0, np.zeros(4), out)
     assert np.all(out[: 5 + rest] == 0.0)
     np.testing.assert_allclose(out[5 + rest :], -way * (2.5 + rest - 1) * dt)
 

@@ -126,10 +126,11 @@ class Guards:
 
         Alone it must bring its share with what it costs the prior of the memory, too.
         """
+        loss_N2 = float(model.loss.sum())
         if not causes:
-            return best.by_evidence or best.gain >= LEAST_SHARE * float(model.loss.sum())
+            return best.by_evidence or best.gain >= LEAST_SHARE * loss_N2
         if self.in_time_alone(model, best.model):
-            return best.held_N2 >= LEAST_SHARE * float(model.loss.sum())
+            return best.held_N2 >= LEAST_SHARE * loss_N2
         left = self._views.left_N2(model)
         if best.gain < second_N2(causes[0].gain, left):
             return False
@@ -139,7 +140,6 @@ class Guards:
         ):
             return False
         later = best.effect.delays or best.effect.acts == REVERSAL or self._views.lattice_N > 0.0
-        loss_N2 = float(model.loss.sum())
         least = least_further_N2(LATER_SHARE if later else FORMS_SHARE, loss_N2, causes)
         if best.by_evidence or best.gain >= least:
             return True

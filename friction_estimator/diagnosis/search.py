@@ -12,11 +12,10 @@ from friction_estimator.diagnosis.capacity import in_words, wider
 from friction_estimator.diagnosis.causes import (
     FORMS_SHARE,
     LATER_SHARE,
-    LEAST_SHARE,
-    SMALL_SHARE,
     Cause,
     Search,
     as_misfit,
+    least_further_N2,
 )
 from friction_estimator.diagnosis.comparison import Comparison
 from friction_estimator.diagnosis.guards import Guards, later_N2
@@ -216,10 +215,7 @@ class Searcher:
             better = model.loss - self.fits.without(best.model, place).loss
             if float(better.sum()) < max(later_N2(model), SET_ERRORS * error_of_sum(better)):
                 continue
-            trial = found.copy()
-            self._drop(trial, place)
-            trial.dropped.add(cause.name)
-            trial.refused.clear()
+            trial, _ = self._left_by(found, place)
             fewer = trial.models[-1]
             instead = self.fits(fewer, best.name, best.term.params)
             if instead is None or not self.guards.admit(
@@ -239,22 +235,26 @@ class Searcher:
         It was named before the others were known, and made what they make. The last one was named beside all others.
         """
         model, causes = found.models[-1], found.causes
-        loss_N2 = float(model.loss.sum())
-        # Where it brings this it would be named as the last one, too.
-        enough_N2 = min(LEAST_SHARE * (loss_N2 + sum(cause.gain for cause in causes)), SMALL_SHARE * loss_N2)
+        # What brings this beside all others would be named as the last one, too.
+        enough_N2 = least_further_N2(0.0, float(model.loss.sum()), causes)
         for place, cause in enumerate(causes[:-1]):
             if cause.p_value is None or self._beside_all(model, place) >= enough_N2:
                 continue
-            trial, gone = found.copy(), model.joint.terms[place]
-            beside = self._drop(trial, place)
+            trial, beside = self._left_by(found, place)
             if beside and self.guards.brings_share(trial.models[-1], beside[0], trial.causes):
                 continue
-            self._add_rival(trial, gone)
-            trial.dropped.add(cause.name)
-            trial.refused.clear()
+            self._add_rival(trial, model.joint.terms[place])
             found.become(trial)
             return True
         return False
+
+    def _left_by(self, found: _Found, place: int) -> tuple[_Found, list[Candidate]]:
+        """Return what was found, as it is without one of its causes for good, and that one as a candidate beside it."""
+        left = found.copy()
+        beside = self._drop(left, place)
+        left.dropped.add(found.causes[place].name)
+        left.refused.clear()
+        return left, beside
 
     def _add_rival(self, found: _Found, gone: Term) -> None:
         """Put what was taken away into the set of each cause in whose place it would explain as much."""
@@ -269,7 +269,8 @@ class Searcher:
     def _drop_misfits(self, found: _Found) -> list[Candidate]:
         """Take away what may be what the form of a larger cause lacks (`as_misfit`); return it."""
         formed = {name for name, cls in self.views.catalogue.items() if cls.formed()}
-        sure, judged, gone = self._sure(found.models[-1]), found.causes, list[Candidate]()
+        gone: list[Candidate] = []
+        sure, judged = self._sure(found.models[-1]), found.causes
         while (place := as_misfit(judged, formed, self.views.left_N2(found.models[-1]), sure)) is not None:
             gain = self._beside_all(found.models[-1], place)
             if gain > judged[place].gain:  # little alone, but not beside those that were named after it
