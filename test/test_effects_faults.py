@@ -340,7 +340,7 @@ def test_bursts_that_may_be_nothing_have_no_name(reach: str, monkeypatch: pytest
         burst = find_burst(view)
         return burst and replace(burst, **{reach: 1.01 * getattr(burst, reach.replace("_reach", ""))})
 
-    monkeypatch.setattr("friction_estimator.effects.reversal.find_burst", flat)
+    monkeypatch.setattr("friction_estimator.effects.stick_slip.find_burst", flat)
     assert scatter(made.samples) is None
 
 

@@ -12,18 +12,24 @@ this freedom cannot see it. Three shares are printed, in percent:
 - `beside`: of that, what is left of it beside other forms of the traits (decision 0168).
 - `forms`: of that, what those other forms explain without it.
 
+Beside them is said what the change could be taken for: the cause of the catalogue whose force comes nearest to it,
+beside what was found, and by how many deviations of the noise the two differ (`apart`). Who knew both forces, and asked
+which is the likelier, would name the true one in Phi(apart / 2) of such records: 84 % at 2, 69 % at 1, half at 0.
+
 Records are those of a study's lines, or of the design of some seeds, of which nobody has asked the diagnosis.
 """
 
 import argparse
 import json
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from design import ROWS, cases
 from judge import Line, scored
+from scipy.optimize import minimize_scalar
 from study import make_case
 
 from friction_estimator.core.sample import Floats
@@ -31,13 +37,33 @@ from friction_estimator.diagnosis.evidence import Rule
 from friction_estimator.diagnosis.forms import OtherForms
 from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.lack_of_fit import LackOfFit
+from friction_estimator.diagnosis.library import build_library, built
 from friction_estimator.diagnosis.record import Record, build_record
+from friction_estimator.diagnosis.rivals import alike, own_power
 from friction_estimator.diagnosis.search import Searcher
 from friction_estimator.diagnosis.theory import with_theory
-from friction_estimator.effects import EFFECTS
+from friction_estimator.effects import EFFECTS, Effect
+from friction_estimator.effects.features import Context
 from friction_estimator.rig.plant import PLANTS
 
 SEED = 0
+
+NEAR = 3
+"""Effects that come nearest on the grid and are looked at more closely."""
+
+WITHIN = (-3.0, 1.0)
+"""Logarithm of what their length or time may be times that on the grid, which begins at a part of a sample."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """The three shares of the hidden change, %; the name of the nearest other cause, and how far it is apart."""
+
+    explains: float
+    beside: float
+    forms: float
+    nearest: str
+    apart: float
 
 
 def main() -> None:
@@ -48,14 +74,16 @@ def main() -> None:
     parser.add_argument("--row", action="append", help="this row only; may be repeated")
     parser.add_argument("--missed", action="store_true", help="only records whose truth is not the first name")
     given = parser.parse_args()
-    print("row | hidden | plant | drive | named first | explains, % | beside, % | forms, %")
+    print("row | hidden | plant | drive | named first | explains, % | beside, % | forms, % | nearest | apart")
     for line in [*_lines(given.lines), *_designed(given.seed or [], given.share or ["0/1"])]:
         named = scored(line).named if "verdict" in line else None
         if (given.row and line["row"] not in given.row) or (given.missed and named is not False):
             continue
         said = "-" if named is None else "yes" if named else "no"
         words = [line["row"], line["truth"][0], line["plant"], line["drive"], said]
-        print(" | ".join(words + [f"{value:.2f}" for value in seen(line)]), flush=True)
+        one = seen(line)
+        numbers = [f"{value:.2f}" for value in (one.explains, one.beside, one.forms)]
+        print(" | ".join([*words, *numbers, one.nearest, f"{one.apart:.2f}"]), flush=True)
 
 
 def _designed(seeds: list[int], shares: list[str]) -> Iterator[Line]:
@@ -80,8 +108,8 @@ def _hides_one(line: Line) -> bool:
     return len(line["truth"]) == 1 and not line["out"]
 
 
-def seen(case: dict[str, Any]) -> tuple[float, float, float]:
-    """Return the three shares of one record, %."""
+def seen(case: dict[str, Any]) -> Seen:
+    """Return what can be seen of the hidden change of one record."""
     made = make_case(case)
     config = with_theory(made.config, made.samples)
     record = build_record([made.samples], config)
@@ -92,10 +120,38 @@ def seen(case: dict[str, Any]) -> tuple[float, float, float]:
     loss = float(model.held_out_loss(record, SEED).sum())
     gain = _explained(model, change, record)
     share = 100.0 * gain / loss
+    others = {name: cls for name, cls in EFFECTS.items() if name not in (*traits, *case["truth"])}
+    name, lost_N2 = _nearest(model, change, record, context, others)
+    noise_N2 = max(float(np.var(made.noise_N)), np.finfo(np.float64).tiny)
+    apart = float(np.sqrt(lost_N2 / noise_N2))
     if not model.terms or gain <= 0.0:
-        return share, 100.0, 0.0
+        return Seen(share, 100.0, 0.0, name, apart)
     other = LackOfFit(OtherForms.of(model), model, loss, record, SEED)
-    return share, 100.0 * other.beside(change) / gain, 100.0 * other.alone_N2 / gain
+    return Seen(share, 100.0 * other.beside(change) / gain, 100.0 * other.alone_N2 / gain, name, apart)
+
+
+def _nearest(
+    model: Joint, change_N: Floats, record: Record, context: Context, others: dict[str, type[Effect]]
+) -> tuple[str, float]:
+    """Return which other effect comes nearest to a change (n,), and by what power it misses it, N^2.
+
+    Its length or time is sought between the neighbours of the best point of the grid.
+    """
+    evidence = model.evidence(record, SEED)
+    library = build_library(others, model.features, model.reference, context, evidence)
+    best: dict[str, float] = {}
+    for name, one in list(alike(evidence, library, change_N).items())[:NEAR]:
+        effect = others[name]
+
+        def lost(scale: float, effect: type[Effect] = effect, at: dict[str, float] = one.params) -> float:
+            moved = at | {key: scale * at[key] for key in effect.refined[:1] if at.get(key, 0.0) > 0.0}
+            here = built({effect: [moved]}, model.features, model.reference, evidence)
+            return next(iter(alike(evidence, here, change_N).values())).lost_N2
+
+        found = minimize_scalar(lambda x: lost(float(np.exp(x))), bounds=WITHIN, method="bounded")
+        best[name] = max(min(float(found.fun), one.lost_N2), 0.0)
+    name = min(best, key=best.__getitem__, default="-")
+    return name, best.get(name, own_power(evidence.with_residual(change_N)))
 
 
 def _explained(model: Joint, change_N: Floats, record: Record) -> float:

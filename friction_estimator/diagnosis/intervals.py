@@ -163,6 +163,8 @@ def estimates(
             return term.effect.told(params, weights, context, joint.reference)
 
         centre = values(theta)
+        signed = {key.name for key in term.effect.keys if key.low < 0.0}
+        unsigned = {*term.refined, *(key.name for key in term.effect.keys)} - signed
         found = {}
         for name, (value, unit) in centre.items():
             slope = np.zeros(theta.size)
@@ -182,8 +184,8 @@ def estimates(
                 memory = MEMORY_SHARE * context.step_s if term.effect.delays else 0.0
                 reach = float(np.hypot(np.hypot(reach, form), memory))
                 low = float(value - reach)
-                if name in term.refined and value > 0.0:
-                    low = max(low, 0.0)  # a length or a time is not negative
+                if name in unsigned and value > 0.0:
+                    low = max(low, 0.0)  # a length, a time or a height is not negative
             found[name] = Estimate(float(value), unit, low, float(value + reach))
         out.append(found)
     return out

@@ -13,6 +13,7 @@ from friction_estimator.effects import (  # noqa: F401 - they register
     stamps,
     static,
     steps,
+    stick_slip,
     timing,
 )
 from friction_estimator.effects.base import EFFECTS, Effect
