@@ -39,7 +39,7 @@ from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.lack_of_fit import LackOfFit
 from friction_estimator.diagnosis.library import build_library, built
 from friction_estimator.diagnosis.record import Record, build_record
-from friction_estimator.diagnosis.rivals import alike, own_power
+from friction_estimator.diagnosis.rivals import Alike, alike, own_power
 from friction_estimator.diagnosis.search import Searcher
 from friction_estimator.diagnosis.theory import with_theory
 from friction_estimator.effects import EFFECTS, Effect
@@ -135,7 +135,7 @@ def _nearest(
 ) -> tuple[str, float]:
     """Return which other effect comes nearest to a change (n,), and by what power it misses it, N^2.
 
-    Its length or time is sought between the neighbours of the best point of the grid.
+    Its length or time is sought about that of the best point of the grid (`WITHIN`).
     """
     evidence = model.evidence(record, SEED)
     library = build_library(others, model.features, model.reference, context, evidence)
@@ -143,10 +143,12 @@ def _nearest(
     for name, one in list(alike(evidence, library, change_N).items())[:NEAR]:
         effect = others[name]
 
-        def lost(scale: float, effect: type[Effect] = effect, at: dict[str, float] = one.params) -> float:
+        def lost(scale: float, effect: type[Effect] = effect, one: Alike = one) -> float:
+            at = one.params
             moved = at | {key: scale * at[key] for key in effect.refined[:1] if at.get(key, 0.0) > 0.0}
             here = built({effect: [moved]}, model.features, model.reference, evidence)
-            return next(iter(alike(evidence, here, change_N).values())).lost_N2
+            there = alike(evidence, here, change_N).get(effect.name)
+            return one.lost_N2 if there is None else there.lost_N2
 
         found = minimize_scalar(lambda x: lost(float(np.exp(x))), bounds=WITHIN, method="bounded")
         best[name] = max(min(float(found.fun), one.lost_N2), 0.0)
