@@ -9,6 +9,7 @@ import numpy as np
 from friction_estimator.diagnosis.base_problem import BaseProblem
 from friction_estimator.diagnosis.candidate import (
     PLAIN,
+    SET_SHARE,
     Candidate,
     Model,
     as_sharp,
@@ -213,6 +214,39 @@ class Candidates:
             if self.known_sign(other):  # where nothing is known, no value says anything
                 values = self._told(other.model.joint)[-1]
                 out |= {n: max(abs(value - told[n]), out.get(n, 0.0)) for n, value in values.items() if n in told}
+        return out
+
+    def untold(self, model: Model, left_N2: float) -> list[dict[str, tuple[float, float]]]:
+        """Return the least and the largest value of the quantities of each term in its `Effect.untold` forms.
+
+        Of those that explain as much beside all the others.
+
+        Parameters
+        ----------
+        left_N2 : what no cause explains, by which they may be behind.
+        """
+        return [self._untold(model, i, left_N2) for i in range(len(model.joint.terms))]
+
+    def _untold(self, model: Model, i: int, left_N2: float) -> dict[str, tuple[float, float]]:
+        terms, out = model.joint.terms, dict[str, tuple[float, float]]()
+        forms = terms[i].effect.untold(terms[i].params)
+        if not forms:
+            return out
+        # Each is refined from where the model is, as the form itself is once more: other fits differ by where they end.
+        same, *others = (
+            self._fit([*terms[:i], Term(terms[i].effect, form), *terms[i + 1 :]], model.joint, search=False)
+            for form in [dict(terms[i].params), *forms]
+        )
+        here = self._judged(same)
+        chance_N2 = PLAIN * float(here.loss.sum()) / same.coefficients.count
+        behind_N2 = max(left_N2 + chance_N2, SET_SHARE * sum(gain_parts(self.without(model, i), model)))
+        for joint in others:
+            gain = sum(gain_parts(here, self._judged(joint)))
+            if gain < -behind_N2 or not signs_kept(joint) or joint.terms[i].beyond(self.context):
+                continue
+            for name, value in self._told(joint)[i].items():
+                low, high = out.get(name, (value, value))
+                out[name] = min(low, value), max(high, value)
         return out
 
     def moved_over(self, joint: Joint) -> dict[str, float]:

@@ -41,6 +41,7 @@ class Cause:
     rivals : effects that explain the data as well, best first.
     behind_N2 : of others that come close, by how much less they explain, N^2.
     apart : quantity -> by how much it differs in other forms of the cause that explain nearly as much.
+    untold : quantity -> its least and largest value in forms that the drive does not tell from this one.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Cause:
     rivals: tuple[str, ...]
     behind_N2: Mapping[str, float] = field(default_factory=dict)
     apart: Mapping[str, float] = field(default_factory=dict)
+    untold: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def within(self, left_N2: float) -> "Cause":
         """Return the cause with those as rivals, too, that are behind by less than what no cause explains.

@@ -186,7 +186,8 @@ def _named(
     """
     if not found.causes:
         return []
-    fitted = estimates(found.models[-1], record, context, seed, left_N2, [c.apart for c in found.causes], coarse_N)
+    apart, untold = [c.apart for c in found.causes], [c.untold for c in found.causes]
+    fitted = estimates(found.models[-1], record, context, seed, left_N2, apart, coarse_N, untold)
     named = {c.name for c in found.causes}
 
     def one(i: int, cause: Cause) -> Found:

@@ -115,6 +115,7 @@ def estimates(
     left_N2: float | None = None,
     apart: Sequence[Mapping[str, float]] = (),
     lattice_N: float = 0.0,
+    untold: Sequence[Mapping[str, tuple[float, float]]] = (),
 ) -> list[dict[str, Estimate]]:
     """Return the physical parameters of each term with intervals.
 
@@ -129,6 +130,8 @@ def estimates(
     left_N2 : error power that no cause explains, summed. apart : for each term by how much other forms of its cause
         that fit as well differ, by quantity; the effect's own systematic share holds where that is less.
     lattice_N : step of the force where rounding to it repeats with the drive (`floor.coarse_step`), else 0.
+    untold : for each term the least and the largest value of a quantity in forms of its cause that the drive does not
+        tell from this one (`Candidates.untold`): to each side the interval reaches as far.
     """
     known = Curvature.of(joint, record, seed)
     quantile = float(stdtrit(max(record.blocks - 1, 1), 0.975))
@@ -140,7 +143,7 @@ def estimates(
         squares += quantile**2 * known.rounding(record.friction_N - joint.residual_N, lattice_N) * scales
     place = joint.base.tangent.shape[1]
     told = (np.diag(known.evidence.zz.sum(0)) > 0.0) | (~joint.at_end & (joint.penalty > 0.0))
-    untold = ~told & (joint.scales != 0.0)
+    unknown = ~told & (joint.scales != 0.0)
     out = []
     for number, term in enumerate(joint.terms):
         free = 0 if term.effect.fixed_gain else term.weights.size
@@ -149,10 +152,10 @@ def estimates(
         part = squares[place : place + theta.size, place : place + theta.size].copy()
         if left_N2 is not None:
             for i, name in enumerate(names, free):
-                if name in term.effect.steps and (joint.scales[place + i] == 0.0 or untold[place + i]):
+                if name in term.effect.steps and (joint.scales[place + i] == 0.0 or unknown[place + i]):
                     part[i, i] = _jumping(joint, number, name, context, known, left_N2, quantile) ** 2
-                    untold[place + i] = False
-        nothing = untold[place : place + theta.size]
+                    unknown[place + i] = False
+        nothing = unknown[place : place + theta.size]
         place += theta.size
 
         def values(
@@ -177,16 +180,18 @@ def estimates(
             reach = float(np.sqrt(max(float(slope @ part @ slope), 0.0)))
             if np.any(slope[nothing] != 0.0):
                 reach = float("nan")
-            low = float(value - reach)
+            low, high = value - reach, value + reach
             if left_N2 is not None:
                 form = term.effect.systematic.get(name, 0.0) * abs(value)
                 form = max(form, apart[number].get(name, 0.0) if apart else 0.0)
                 memory = MEMORY_SHARE * context.step_s if term.effect.delays else 0.0
-                reach = float(np.hypot(np.hypot(reach, form), memory))
-                low = float(value - reach)
+                least, most = untold[number].get(name, (value, value)) if untold else (value, value)
+                reach = np.hypot(reach, memory)
+                low = value - np.hypot(reach, max(form, value - least))
+                high = value + np.hypot(reach, max(form, most - value))
                 if name in unsigned and value > 0.0:
                     low = max(low, 0.0)  # a length, a time or a height is not negative
-            found[name] = Estimate(float(value), unit, low, float(value + reach))
+            found[name] = Estimate(float(value), unit, float(low), float(high))
         out.append(found)
     return out
 

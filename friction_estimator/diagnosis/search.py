@@ -131,6 +131,8 @@ class Searcher:
         steps = zip(causes, models, models[1:], strict=False)
         causes = [replace(one, apart=self._apart_by(fewer, more, left)) for one, fewer, more in steps]
         causes = self._beside_refused(models[-1], causes, doubtful)
+        untold = self.fits.untold(models[-1], left)
+        causes = [replace(cause, untold=ends) for cause, ends in zip(causes, untold, strict=True)]
         self._keep_only(None)
         return Search(
             self.views.problem,

@@ -257,6 +257,11 @@ class Effect:
         return []
 
     @classmethod
+    def untold(cls, params: Params) -> list[dict[str, float]]:  # noqa: ARG003
+        """Return forms that a drive may not tell from this one; none is chosen, their values are in the intervals."""
+        return []
+
+    @classmethod
     def plainer(cls, params: Params) -> list[dict[str, float]]:  # noqa: ARG003
         """Return forms with fewer parameters, taken where this one explains no more than its further ones by chance."""
         return []

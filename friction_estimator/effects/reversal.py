@@ -26,8 +26,8 @@ UNSCREENED_RATIO = 64.0
 DWELL_POWERS = (0.25, 0.5)
 """Exponents with which a breakaway force grows with the dwell."""
 
-REST_SPEEDS = (1.0 / 3.0, 3.0)
-"""Times the speed of the theory's sign, which is taken for it: slower than this may be rest as well."""
+REST_SPEEDS = (0.2, 5.0)
+"""Times the width of the theory's sign, which is taken for the speed of rest: slower than this may be rest as well."""
 
 
 def relative_level(features: Features, reference: Reference) -> Floats:
@@ -104,17 +104,18 @@ class Breakaway(Effect):
 
     @classmethod
     def variants(cls, params: Params) -> list[dict[str, float]]:
-        """Another growth with the dwell, other speeds of rest: where no dwell is near 0.1 s, the height is another.
+        """Another growth with the dwell: where no dwell is near 0.1 s, the height there is another one."""
+        return [dict(params) | {"exponent": power} for power in DWELL_POWERS if power != params["exponent"]]
 
-        Where the shaft passes through rest at a steady acceleration, the dwell is in proportion to the speed of rest
-        and nothing else tells that speed.
+    @classmethod
+    def untold(cls, params: Params) -> list[dict[str, float]]:
+        """Other speeds of rest, with every growth.
+
+        Where the shaft passes through rest at a steady acceleration, the dwell is in proportion to the speed of rest,
+        and nothing but the height after 0.1 s hangs on it.
         """
-        forms = [
-            dict(params) | {"exponent": power, "rest_speed": by * params["rest_speed"]}
-            for by in (1.0, *REST_SPEEDS)
-            for power in DWELL_POWERS
-        ]
-        return [form for form in forms if form != params]
+        speeds = [by * params["rest_speed"] for by in REST_SPEEDS]
+        return [dict(params) | {"exponent": power, "rest_speed": rest} for rest in speeds for power in DWELL_POWERS]
 
     @classmethod
     def columns(cls, params: Params) -> Columns:
