@@ -18,6 +18,7 @@ from friction_estimator.diagnosis.joint import Joint
 from friction_estimator.diagnosis.joint_fit import JointFit
 from friction_estimator.diagnosis.own_columns import Term
 from friction_estimator.diagnosis.record import Record, build_record
+from friction_estimator.diagnosis.result import Found
 from friction_estimator.diagnosis.search import Searcher
 from friction_estimator.effects import EFFECTS
 from friction_estimator.effects.features import Context
@@ -146,14 +147,14 @@ def test_the_growth_of_a_breakaway_force_with_the_dwell_is_compared() -> None:
     assert holds(wider, slow.term.weights[0])
 
 
-def of_another_rest(rest_speed: float, profile: str) -> dict[str, Estimate]:
+def of_another_rest(rest_speed: float, profile: str) -> Found:
     """Return what is told of a breakaway force of 3 N and 0.1 mm beside a theory whose sign is 2 mm/s wide."""
     hidden = f"breakaway:amplitude=3,length=1e-4,rest_speed={rest_speed}"
     segments = tuple(segment(t, psi, 20.0, profile) for psi in (50.0, 200.0) for t in (1.5, 4.0))
     (found,) = diagnose(
         [record([hidden], segments=segments)], SEAL, catalogue=chosen("breakaway", "presliding")
     ).effects
-    return found.parameters
+    return found
 
 
 @pytest.mark.parametrize("rest_speed", [5e-4, 2e-3, 8e-3])
@@ -162,7 +163,10 @@ def test_what_counts_as_rest_is_in_the_interval_of_a_breakaway_force(rest_speed:
 
     No other speed is chosen for the little that it explains more: as much is told as where the theory's is the one.
     """
-    told = of_another_rest(rest_speed, "triangle")
+    found = of_another_rest(rest_speed, "triangle")
+    told = found.parameters
+    assert found.experiment
+    assert "let the shaft rest" in found.experiment
     assert told["amplitude"].value == pytest.approx(3.0 * np.sqrt(rest_speed / 2e-3), rel=0.1)
     assert 0.0 < told["amplitude"].low < 0.5 * told["amplitude"].value
     assert told["amplitude"].high > 2.0 * told["amplitude"].value
@@ -172,7 +176,9 @@ def test_what_counts_as_rest_is_in_the_interval_of_a_breakaway_force(rest_speed:
 
 @pytest.mark.parametrize("rest_speed", [5e-4, 2e-3, 2e-2])
 def test_where_the_drive_rests_the_height_of_a_breakaway_force_is_told(rest_speed: float) -> None:
-    told = of_another_rest(rest_speed, "dwell")
+    found = of_another_rest(rest_speed, "dwell")
+    told = found.parameters
+    assert found.experiment is None
     assert holds(told["amplitude"], 3.0)
     assert told["amplitude"].high - told["amplitude"].low < 0.8
 

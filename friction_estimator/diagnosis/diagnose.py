@@ -31,7 +31,7 @@ from friction_estimator.diagnosis.result import (
 from friction_estimator.diagnosis.search import Searcher
 from friction_estimator.diagnosis.theory import with_theory
 from friction_estimator.diagnosis.trials import Trials
-from friction_estimator.diagnosis.words import next_experiment
+from friction_estimator.diagnosis.words import next_experiment, telling_experiment
 from friction_estimator.effects.base import EFFECTS, Effect
 from friction_estimator.effects.detection import COMPLETELY, Fault
 from friction_estimator.effects.features import Context
@@ -200,7 +200,8 @@ def _named(
             parameters=fitted[i],
             gain=gain if cause.p_value is not None else None,
             rivals=rivals,
-            experiment=next_experiment(cause.name, rivals, lambda rival: trials.separation(term, catalogue[rival])),
+            experiment=next_experiment(cause.name, rivals, lambda rival: trials.separation(term, catalogue[rival]))
+            or telling_experiment(cause, fitted[i]),
             evidence=term.effect.words.where if cause.p_value is not None else MEMORY_WORDS,
             term=i,
         )

@@ -1,9 +1,14 @@
-"""Sentences: the experiment that would separate an effect from what the data cannot tell it from."""
+"""Sentences: the experiment that would separate an effect from others, or tell what the drive did not."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
+from friction_estimator.diagnosis.causes import Cause
+from friction_estimator.diagnosis.intervals import Estimate
 from friction_estimator.diagnosis.trials import SEPARATES, Outcome
 from friction_estimator.effects.base import EFFECTS
+
+UNTOLD = 0.5
+"""Share of an interval from which on what the drive did not tell makes most of it."""
 
 Separation = Callable[[str], Sequence[Outcome]]
 """Name of a rival -> what each candidate drive would tell, the clearest first; empty where none can be simulated."""
@@ -39,3 +44,10 @@ def next_experiment(name: str, rivals: tuple[str, ...], separation: Separation =
         if not outcomes:
             return f"{name} or {rival}: record two periods, two strokes and two pressures in mixed order"
     return None
+
+
+def telling_experiment(cause: Cause, fitted: Mapping[str, Estimate]) -> str | None:
+    """Return the experiment that tells what the drive did not, where that makes most of an interval; else None."""
+    words = EFFECTS[cause.name].words.told_by
+    wide = (UNTOLD * (fitted[n].high - fitted[n].low) < most - least for n, (least, most) in cause.untold.items())
+    return f"{cause.name}: {words}" if words and any(wide) else None

@@ -68,11 +68,13 @@ class Words:
     what : what is true.
     where : where it shows.
     confused_with : effect id -> the experiment that separates the two.
+    told_by : the experiment that tells between its `Effect.untold` forms.
     """
 
     what: str
     where: str
     confused_with: Mapping[str, str]
+    told_by: str = ""
 
 
 Params = Mapping[str, float]

@@ -72,6 +72,7 @@ class Breakaway(Effect):
             "frictional_lag": "vary the dwell at the reversal: only a breakaway {force} grows with it",
             "squeeze_film": "vary the dwell at the reversal",
         },
+        "let the shaft rest at its reversals, 0.1 s and longer: only that tells the {force} after a rest",
     )
 
     def apply(self, trace: Trace, rng: np.random.Generator) -> Trace:  # noqa: ARG002
