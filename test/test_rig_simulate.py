@@ -47,6 +47,16 @@ def test_noise_is_relative_to_the_rms_of_the_clean_friction(noise, seed):
     assert rms(run.noise_N) == pytest.approx(noise * rms(run.clean_N), rel=0.15)
 
 
+@pytest.mark.parametrize("delay", [4e-5, 1.1e-4, 3e-4])
+def test_a_delay_is_one_at_any_rate(delay):
+    """Where the plant ran at the rate of the recording, what turns within a sample was smeared by two per cent."""
+    rate, finer = 5000.0, 20
+    run = simulate(Scenario(TOUR, "stribeck", rate, 0.0, 5, (parse_effect(f"time_delay:delay={delay}"),)))
+    force = simulate(Scenario(TOUR, "stribeck", finer * rate, 0.0, 5)).samples.friction_N
+    late = force[np.maximum(finer * np.arange(len(run.samples)) - round(delay * finer * rate), 0)]
+    assert rms(run.samples.friction_N - late) < 1e-3 * rms(run.changes_N[0])
+
+
 KEYS = {
     "viscosity_drift": "time_constant=2",
     "wear": "length=0.2",

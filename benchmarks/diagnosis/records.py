@@ -76,7 +76,13 @@ def make(
     seal = scaled_theory(SealConfig(), drive.force, drive.motion)
     geometry = Geometry(0.020 * drive.motion, 0.100 * drive.motion)
     scenario = Scenario(
-        drive.segments(recorder.stretch), plant=plant, rate_hz=drive.rate_hz, seed=seed, geometry=geometry, seal=seal
+        drive.segments(recorder.stretch),
+        plant=plant,
+        rate_hz=drive.rate_hz,
+        seed=seed,
+        effects=tuple(effects),
+        geometry=geometry,
+        seal=seal,
     )
     law = Scaled(PLANTS[plant](SealConfig(), drive.rate_hz), drive.force, drive.motion)
     clean, every = clean_trace(scenario, law), scenario.every

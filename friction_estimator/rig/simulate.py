@@ -23,6 +23,9 @@ from friction_estimator.rig.sensors import START_NS, as_samples, force_noise, st
 SIMULATION_RATE_HZ = 2000.0
 """The plant runs at least this fast, at a whole multiple of the recording's rate."""
 
+BETWEEN_SAMPLES = 8
+"""Steps a recorded sample at least where the force is late: what turns within a sample is not smeared."""
+
 MOST_STEPS = 50_000_000
 
 
@@ -86,7 +89,8 @@ class Scenario:
     @property
     def every(self) -> int:
         """Simulation steps a recorded sample."""
-        return max(1, math.ceil(SIMULATION_RATE_HZ / self.rate_hz - 1e-9))
+        least = BETWEEN_SAMPLES if any(effect.delays for effect in self.effects) else 1
+        return max(least, math.ceil(SIMULATION_RATE_HZ / self.rate_hz - 1e-9))
 
 
 @dataclass(frozen=True)
