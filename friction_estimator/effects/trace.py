@@ -16,8 +16,8 @@ rate and the sensor noise come between `transmission` and `sensor`."""
 class Trace:
     """A simulated run as arrays of one length, SI units.
 
-    Stages up to `transmission` see it at the simulation's rate (2 kHz or more, eight steps a
-    sample where the force is late, so that reversals and delays below a sample period are resolved), the later ones at the recording's.
+    Stages up to `transmission` see it at the simulation's rate (2 kHz or more, eight steps a sample or more where the
+    force is late, so that reversals and delays below a sample period are resolved), the later ones at the recording's.
 
     Attributes
     ----------
